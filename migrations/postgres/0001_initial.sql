@@ -60,19 +60,19 @@ CREATE TABLE windows (
     sequence BIGINT NOT NULL UNIQUE,
     from_ms BIGINT NOT NULL,
     to_ms BIGINT NOT NULL CHECK (to_ms >= from_ms),
-    report TEXT COLLATE "C" NOT NULL,
+    report BYTEA NOT NULL,
     uploaded_at BIGINT NOT NULL,
     uploads BIGINT NOT NULL DEFAULT 1 CHECK (uploads >= 1),
     day BIGINT
 );
 
-CREATE TABLE window_blocks (
-    window_id TEXT COLLATE "C" NOT NULL REFERENCES windows (id) ON DELETE CASCADE,
-    channel TEXT COLLATE "C" NOT NULL,
-    block BYTEA,
-    repeats TEXT COLLATE "C",
-    PRIMARY KEY (window_id, channel)
-);
+CREATE TABLE shares (
+    window_id TEXT COLLATE "C" NOT NULL,
+    day BIGINT NOT NULL,
+    channels TEXT COLLATE "C" NOT NULL,
+    block BYTEA NOT NULL,
+    PRIMARY KEY (window_id, day)
+) PARTITION BY RANGE (day);
 
 CREATE TABLE models (
     id TEXT COLLATE "C" PRIMARY KEY,
@@ -153,9 +153,10 @@ CREATE TABLE fits (
     job TEXT COLLATE "C" NOT NULL UNIQUE REFERENCES jobs (id),
     system TEXT COLLATE "C" NOT NULL REFERENCES systems (system),
     model TEXT COLLATE "C" NOT NULL,
-    document TEXT COLLATE "C" NOT NULL,
+    document BYTEA NOT NULL,
+    replay BYTEA,
     verdict TEXT COLLATE "C" NOT NULL CHECK (verdict IN ('accepted', 'unchanged', 'held', 'rejected')),
-    checks TEXT COLLATE "C" NOT NULL,
+    checks BYTEA NOT NULL,
     summary TEXT COLLATE "C" NOT NULL,
     created_at BIGINT NOT NULL,
     rowid BIGINT GENERATED ALWAYS AS IDENTITY UNIQUE
@@ -316,16 +317,32 @@ CREATE TABLE evidence (
 );
 
 CREATE TABLE days (
-    system TEXT COLLATE "C" NOT NULL REFERENCES systems (system),
-    channel TEXT COLLATE "C" NOT NULL,
+    system TEXT COLLATE "C" NOT NULL,
     day BIGINT NOT NULL,
-    unit TEXT COLLATE "C" NOT NULL,
     from_ms BIGINT NOT NULL,
     to_ms BIGINT NOT NULL CHECK (to_ms >= from_ms),
+    channels TEXT COLLATE "C" NOT NULL,
     block BYTEA NOT NULL,
-    owners TEXT COLLATE "C" NOT NULL,
-    PRIMARY KEY (system, channel, day, unit)
-);
+    PRIMARY KEY (system, day)
+) PARTITION BY RANGE (day);
+
+-- What is compressed already is not tried to be compressed.
+ALTER TABLE days ALTER COLUMN block SET STORAGE EXTERNAL;
+ALTER TABLE shares ALTER COLUMN block SET STORAGE EXTERNAL;
+ALTER TABLE windows ALTER COLUMN report SET STORAGE EXTERNAL;
+ALTER TABLE fits ALTER COLUMN document SET STORAGE EXTERNAL, ALTER COLUMN replay SET STORAGE EXTERNAL,
+    ALTER COLUMN checks SET STORAGE EXTERNAL;
+
+-- Makes a month of a table that is kept by months, from one day to before another, if it is not there. It is made apart
+-- and attached, which holds nobody up who reads or writes.
+CREATE FUNCTION keep_month(parent TEXT, name TEXT, first BIGINT, next BIGINT) RETURNS VOID LANGUAGE plpgsql AS $$
+BEGIN
+    IF to_regclass(name) IS NULL THEN
+        EXECUTE format('CREATE TABLE %I (LIKE %I INCLUDING ALL)', name, parent);
+        EXECUTE format('ALTER TABLE %I ATTACH PARTITION %I FOR VALUES FROM (%s) TO (%s)', parent, name,
+            COALESCE(first::TEXT, 'MINVALUE'), next);
+    END IF;
+END $$;
 
 CREATE TABLE measured (
     system TEXT COLLATE "C" PRIMARY KEY REFERENCES systems (system),
@@ -393,13 +410,11 @@ INSERT INTO counters (name, value) VALUES ('boot', 0), ('sequence', 0), ('change
 CREATE INDEX aliases_of_window ON window_aliases (sequence);
 CREATE INDEX audit_of_system ON audit (system, sequence);
 CREATE INDEX batches_of_job ON batch_jobs (job);
-CREATE INDEX blocks_to_take_in ON window_blocks (window_id) WHERE repeats IS NULL;
-CREATE INDEX days_by_end ON days (system, to_ms);
-CREATE INDEX days_by_start ON days (system, from_ms);
 CREATE INDEX diagnoses_of_fit ON diagnoses (fit);
 CREATE INDEX diagnoses_of_system ON diagnoses (system, sequence);
 CREATE INDEX evidence_of_system ON evidence (system, sequence);
 CREATE INDEX fits_of_system ON fits (system);
+CREATE INDEX fits_to_shorten ON fits (created_at) WHERE replay IS NOT NULL;
 CREATE INDEX fits_of_window ON fit_windows (window_id);
 CREATE INDEX idempotency_by_age ON idempotency (created_at);
 CREATE INDEX jobs_cancelled ON jobs (sequence) WHERE state = 'cancelled';

@@ -69,6 +69,10 @@ pub struct Retention {
     pub diagnoses_days: u32,
     /// Windows, counted back from the newest sample of their system.
     pub windows_days: u32,
+    /// Samples, by whole months of UTC, whatever fits have read them; what was found in them stays.
+    pub samples_days: u32,
+    /// The ways of searches, and how estimates err together, of fits that were never served.
+    pub traces_days: u32,
 }
 
 /// Limits that keep one request from starving the others.
@@ -170,12 +174,12 @@ impl Default for Diagnose {
 
 impl Default for Retention {
     fn default() -> Self {
-        Self { jobs_days: 365, diagnoses_days: 0, windows_days: 0 }
+        Self { jobs_days: 365, diagnoses_days: 0, windows_days: 0, samples_days: 0, traces_days: 0 }
     }
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 29] = [
+const VARIABLES: [(&str, &str); 31] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_ROLES", "/roles"),
@@ -204,6 +208,8 @@ const VARIABLES: [(&str, &str); 29] = [
     ("LAMPYRIS_RETENTION_JOBS_DAYS", "/retention/jobs_days"),
     ("LAMPYRIS_RETENTION_DIAGNOSES_DAYS", "/retention/diagnoses_days"),
     ("LAMPYRIS_RETENTION_WINDOWS_DAYS", "/retention/windows_days"),
+    ("LAMPYRIS_RETENTION_SAMPLES_DAYS", "/retention/samples_days"),
+    ("LAMPYRIS_RETENTION_TRACES_DAYS", "/retention/traces_days"),
     ("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", "/diagnose/accusation_rate"),
 ];
 
@@ -318,6 +324,8 @@ impl Settings {
             "/retention/jobs_days" => read(&mut self.retention.jobs_days, text),
             "/retention/diagnoses_days" => read(&mut self.retention.diagnoses_days, text),
             "/retention/windows_days" => read(&mut self.retention.windows_days, text),
+            "/retention/samples_days" => read(&mut self.retention.samples_days, text),
+            "/retention/traces_days" => read(&mut self.retention.traces_days, text),
             _ => read(&mut self.diagnose.accusation_rate, text),
         }
     }
@@ -390,12 +398,14 @@ impl Settings {
             let detail = format!("{what} between 1 and 3600 seconds");
             demand((1..=3_600).contains(&seconds), &format!("/limits/{field}"), &detail);
         }
-        let Retention { jobs_days, diagnoses_days, windows_days } = self.retention;
+        let Retention { jobs_days, diagnoses_days, windows_days, samples_days, traces_days } = self.retention;
         // Diagnoses read five weeks of measurements, and comparisons look farther back.
         let days = [
             ("jobs_days", jobs_days, 7),
             ("diagnoses_days", diagnoses_days, 7),
             ("windows_days", windows_days, 60),
+            ("samples_days", samples_days, 60),
+            ("traces_days", traces_days, 7),
         ];
         for (field, days, least) in days {
             let detail = format!("at least {least} days are kept, and at most 36500; 0 keeps everything");

@@ -20,13 +20,13 @@ use super::series::{MAX_SAMPLES, Series};
 const FORMS: [(&[u8; 4], i64); 2] = [(b"LYS1", SECOND), (b"LYS2", 1)];
 const HASH: usize = 32;
 /// A variable-length integer of 63 bits has at most nine bytes, a value eight.
-const MAX_PAYLOAD: usize = 2 * (2 + u16::MAX as usize) + 13 + MAX_SAMPLES * 17;
+pub(super) const MAX_PAYLOAD: usize = 2 * (2 + u16::MAX as usize) + 13 + MAX_SAMPLES * 17;
 /// No deflate stream expands by more than this.
 const MAX_RATIO: usize = 1_040;
 
 /// A block that is not, or no longer, what `encode` wrote.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CorruptBlock(&'static str);
+pub struct CorruptBlock(pub(super) &'static str);
 
 impl fmt::Display for CorruptBlock {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -55,15 +55,11 @@ impl Series {
         for pair in self.times().windows(2) {
             write_varint(&mut payload, pair[1].abs_diff(pair[0]) / unit_of_time.unsigned_abs());
         }
-        let bits = differences(self.values());
-        for plane in 0..8 {
-            payload.extend(bits.iter().map(|word| word.to_le_bytes()[plane]));
-        }
+        write_planes(&mut payload, &differences(self.values()));
         let mut block = Vec::with_capacity(payload.len() / 3 + 64);
         block.extend(magic);
         block.extend(hash(magic, &payload).as_bytes());
-        let mut encoder = flate2::write::ZlibEncoder::new(block, flate2::Compression::new(6));
-        encoder.write_all(&payload).and_then(|()| encoder.finish()).expect("writing to memory cannot fail")
+        deflate(block, &payload)
     }
 
     /// Reads a block.
@@ -77,18 +73,27 @@ impl Series {
         let (rest, magic, unit_of_time) =
             FORMS.into_iter().find_map(form).ok_or(CorruptBlock("it does not start as one"))?;
         let (expected, compressed) = rest.split_at_checked(HASH).ok_or(CorruptBlock("it is cut short"))?;
-        let limit = MAX_PAYLOAD.min(compressed.len().saturating_mul(MAX_RATIO));
-        let mut payload = Vec::new();
-        let mut decoder = flate2::read::ZlibDecoder::new(compressed).take(limit as u64 + 1);
-        decoder.read_to_end(&mut payload).map_err(|_| CorruptBlock("it does not decompress"))?;
-        if payload.len() > limit {
-            return Err(CorruptBlock("it is too large"));
-        }
+        let payload = inflate(compressed, MAX_PAYLOAD)?;
         if hash(magic, &payload).as_bytes().as_slice() != expected {
             return Err(CorruptBlock("its hash does not match"));
         }
         read_payload(&payload, unit_of_time)
     }
+}
+
+/// A payload behind what a block starts with, compressed.
+pub(super) fn deflate(start: Vec<u8>, payload: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::ZlibEncoder::new(start, flate2::Compression::new(6));
+    encoder.write_all(payload).and_then(|()| encoder.finish()).expect("writing to memory cannot fail")
+}
+
+/// A payload of at most so many bytes; memory is bounded by what is there to decompress, too.
+pub(super) fn inflate(compressed: &[u8], most: usize) -> Result<Vec<u8>, CorruptBlock> {
+    let limit = most.min(compressed.len().saturating_mul(MAX_RATIO));
+    let mut payload = Vec::new();
+    let mut decoder = flate2::read::ZlibDecoder::new(compressed).take(limit as u64 + 1);
+    decoder.read_to_end(&mut payload).map_err(|_| CorruptBlock("it does not decompress"))?;
+    if payload.len() > limit { Err(CorruptBlock("it is too large")) } else { Ok(payload) }
 }
 
 /// The hash of a payload in the form of a name. That of the first form was there before the others.
@@ -122,28 +127,43 @@ fn read_payload(payload: &[u8], unit_of_time: i64) -> Result<Series, CorruptBloc
         time = time.checked_add_unsigned(step).ok_or(CorruptBlock("a time overflows"))?;
         times.push(time);
     }
-    if rest.len() != count * 8 {
+    let values = read_values(&mut rest, count)?;
+    if !rest.is_empty() {
         return Err(CorruptBlock("its length is wrong"));
     }
+    let in_millis = |time: i64| time.checked_mul(unit_of_time).ok_or(CorruptBlock("a time overflows"));
+    let times = times.into_iter().map(in_millis).collect::<Result<_, _>>()?;
+    Series::new(channel, unit, hold, times, values).map_err(|_| CorruptBlock("its samples are not a series"))
+}
+
+/// The eight bytes of all words, plane by plane.
+pub(super) fn write_planes(payload: &mut Vec<u8>, words: &[u64]) {
+    for plane in 0..8 {
+        payload.extend(words.iter().map(|word| word.to_le_bytes()[plane]));
+    }
+}
+
+/// Values whose differences were written plane by plane.
+pub(super) fn read_values(rest: &mut &[u8], count: usize) -> Result<Vec<f64>, CorruptBlock> {
+    let planes = count.checked_mul(8).and_then(|length| rest.split_at_checked(length));
+    let (planes, tail) = planes.ok_or(CorruptBlock("its length is wrong"))?;
+    *rest = tail;
     let mut words = vec![[0u8; 8]; count];
-    for (plane, bytes) in rest.chunks_exact(count).enumerate() {
+    for (plane, bytes) in planes.chunks_exact(count).enumerate() {
         for (word, byte) in words.iter_mut().zip(bytes) {
             word[plane] = *byte;
         }
     }
     let mut previous = 0;
-    let values = words.into_iter().map(|word| {
+    let value = |word| {
         previous ^= u64::from_le_bytes(word);
         f64::from_bits(previous)
-    });
-    let in_millis = |time: i64| time.checked_mul(unit_of_time).ok_or(CorruptBlock("a time overflows"));
-    let times = times.into_iter().map(in_millis).collect::<Result<_, _>>()?;
-    Series::new(channel, unit, hold, times, values.collect())
-        .map_err(|_| CorruptBlock("its samples are not a series"))
+    };
+    Ok(words.into_iter().map(value).collect())
 }
 
 /// Each value's bits, exclusive or those of the value before.
-fn differences(values: &[f64]) -> Vec<u64> {
+pub(super) fn differences(values: &[f64]) -> Vec<u64> {
     let mut previous = 0;
     values
         .iter()
@@ -156,7 +176,7 @@ fn differences(values: &[f64]) -> Vec<u64> {
         .collect()
 }
 
-fn write_varint(payload: &mut Vec<u8>, mut number: u64) {
+pub(super) fn write_varint(payload: &mut Vec<u8>, mut number: u64) {
     while number >= 0x80 {
         payload.push((number as u8) | 0x80);
         number >>= 7;
@@ -164,9 +184,9 @@ fn write_varint(payload: &mut Vec<u8>, mut number: u64) {
     payload.push(number as u8);
 }
 
-fn take_varint(rest: &mut &[u8]) -> Result<u64, CorruptBlock> {
+pub(super) fn take_varint(rest: &mut &[u8]) -> Result<u64, CorruptBlock> {
     let mut number = 0;
-    for shift in (0..63).step_by(7) {
+    for shift in (0..64).step_by(7) {
         let [byte] = take::<1>(rest)?;
         number |= u64::from(byte & 0x7f) << shift;
         if byte & 0x80 == 0 {
@@ -176,7 +196,7 @@ fn take_varint(rest: &mut &[u8]) -> Result<u64, CorruptBlock> {
     Err(CorruptBlock("a step of time is too long"))
 }
 
-fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], CorruptBlock> {
+pub(super) fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], CorruptBlock> {
     let (head, tail) = rest.split_first_chunk::<N>().ok_or(CorruptBlock("it is cut short"))?;
     *rest = tail;
     Ok(*head)

@@ -19,6 +19,7 @@
 //! | `seconds` | lengths of time that documents count in seconds |
 //! | `series` | the samples of one channel and their statistics |
 //! | `block` | the binary form of a series |
+//! | `pack` | the binary form of several, as a day of a system has them |
 //! | `window` | the measurements of one system over a stretch of time |
 //! | `grid` | columns on a common time grid |
 //! | `resample` | from a window to a grid, without inventing data across gaps |
@@ -57,6 +58,7 @@ mod intake;
 mod json_cell;
 mod layout;
 mod line_protocol;
+mod pack;
 mod parse;
 mod parts;
 mod resample;
@@ -86,6 +88,7 @@ pub use influent::DRY_INFLUENT;
 pub use intake::ChannelIntake;
 pub use layout::{Layout, LayoutPair, LeftOut, NEIGHBOUR, Room, SAME_ROOM, Sensor, propose_layout};
 pub use line_protocol::{FieldValue, LinePoint, LinePoints, TimePrecision, line_points};
+pub use pack::{pack, unpack};
 pub use parse::WindowDocument;
 pub use parts::WindowParts;
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};

@@ -66,10 +66,13 @@ impl ChannelView {
     /// # Errors
     /// A fault where a layer is of another channel, its owners are not as many as its samples, or two layers
     /// have a sample at the same time.
-    pub fn of_layers(channel: &str, layers: &[Layer]) -> Result<Self, Fault> {
+    pub fn of_layers<'a>(
+        channel: &str,
+        layers: impl Iterator<Item = &'a Layer> + Clone,
+    ) -> Result<Self, Fault> {
         let broken = |detail| Fault::new(format!("/values/{channel}"), "broken-view", detail);
         let mut view = Self::empty(channel);
-        for layer in layers {
+        for layer in layers.clone() {
             let counted: usize = layer.owners.iter().map(|(_, count)| *count).sum();
             if layer.series.channel() != channel || counted != layer.series.len() {
                 return Err(broken("the samples of a layer are not those of its owners"));
@@ -83,7 +86,7 @@ impl ChannelView {
         if view.samples.windows(2).any(|pair| pair[0].time == pair[1].time) {
             return Err(broken("two samples have the same time"));
         }
-        if let Some(newest) = layers.iter().max_by_key(|layer| layer.newest()) {
+        if let Some(newest) = layers.max_by_key(|layer| layer.newest()) {
             view.hold = newest.series.hold();
         }
         Ok(view)

@@ -69,10 +69,10 @@ fn what_is_no_view_is_refused() {
         owners: owners.to_vec(),
     };
     let whole = layer(&[(0, 1.0), (1, 2.0)], &[(1, 1), (2, 1)]);
-    assert!(ChannelView::of_layers(CHANNEL, std::slice::from_ref(&whole)).is_ok());
-    assert!(ChannelView::of_layers("other", std::slice::from_ref(&whole)).is_err());
-    assert!(ChannelView::of_layers(CHANNEL, &[layer(&[(0, 1.0), (1, 2.0)], &[(1, 1)])]).is_err());
-    assert!(ChannelView::of_layers(CHANNEL, &[whole, layer(&[(1, 1.0)], &[(3, 1)])]).is_err());
+    assert!(ChannelView::of_layers(CHANNEL, [&whole].into_iter()).is_ok());
+    assert!(ChannelView::of_layers("other", [&whole].into_iter()).is_err());
+    assert!(ChannelView::of_layers(CHANNEL, [layer(&[(0, 1.0), (1, 2.0)], &[(1, 1)])].iter()).is_err());
+    assert!(ChannelView::of_layers(CHANNEL, [whole, layer(&[(1, 1.0)], &[(3, 1)])].iter()).is_err());
 }
 
 /// What the store keeps of a channel, and beside it every window as it came.
@@ -103,7 +103,7 @@ enum Deed {
 
 impl Both {
     fn view(&self) -> ChannelView {
-        ChannelView::of_layers(CHANNEL, &self.layers).unwrap()
+        ChannelView::of_layers(CHANNEL, self.layers.iter()).unwrap()
     }
 
     /// A view as the store keeps it.

@@ -6,6 +6,7 @@ use super::entry::{NewJob, SubmitError, enter};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::job::{JobFailure, JobStatus, Outcome};
+use super::packed::decompress;
 use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
@@ -149,7 +150,7 @@ row! {
         outcome: Option<String>,
         fit: Option<String>,
         summary: Option<String>,
-        error_ratio: Option<f64>,
+        checks: Option<Vec<u8>>,
         error: Option<String>,
         diagnosis: Option<String>,
         verdict: Option<String>,
@@ -163,6 +164,20 @@ row! {
 struct Finding {
     effect: String,
     way_of: Option<String>,
+}
+
+/// What is read of a check of a fit.
+#[derive(Deserialize)]
+struct Check {
+    name: String,
+    statistic: Option<f64>,
+}
+
+/// What a fit errs beside the one that was served.
+fn error_ratio(checks: &[u8]) -> Result<Option<f64>, StoreError> {
+    let checks: Vec<Check> = decompress("checks", checks)?;
+    let found = checks.into_iter().find(|check| check.name == NO_WORSE_THAN_INCUMBENT);
+    Ok(found.and_then(|check| check.statistic))
 }
 
 impl JobRow {
@@ -183,7 +198,7 @@ impl JobRow {
             job: self.id,
             fit: self.fit,
             summary: self.said.or(self.summary),
-            error_ratio: self.error_ratio,
+            error_ratio: self.checks.map(|checks| error_ratio(&checks)).transpose()?.flatten(),
             diagnosis,
         })
     }
@@ -294,15 +309,12 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
         return Ok(None);
     };
     let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis, \
-        (SELECT CAST(json_extract(c.value, '$.statistic') AS DOUBLE PRECISION) FROM json_each(f.checks) c \
-        WHERE json_extract(c.value, '$.name') = $2) AS error_ratio, \
-        d.verdict, json_extract(d.document, '$.summary') AS said, json_extract(d.document, '$.findings') AS \
-        findings \
+        f.checks, d.verdict, json_extract(d.document, '$.summary') AS said, \
+        json_extract(d.document, '$.findings') AS findings \
         FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d \
         ON d.id = j.diagnosis \
         WHERE b.batch = $1 ORDER BY j.sequence";
-    let jobs: Vec<JobRow> =
-        query_as(sql).bind(id).bind(NO_WORSE_THAN_INCUMBENT).fetch_all(&store.reader).await?;
+    let jobs: Vec<JobRow> = query_as(sql).bind(id).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
         kind: parse("a kind", &row.kind)?,
         id: row.id,

@@ -1,92 +1,114 @@
-//! What counts of a system's measurements, by channel and UTC day: what all its windows come to where the
-//! newest wins. It follows from the windows, is written with them, and is all that readers of samples read.
+//! What counts of a system's measurements, by UTC day: what all its windows come to where the newest wins. It
+//! follows from the windows, is written with them, and is all that readers of samples read.
 
 use super::engine::Session;
 use super::error::StoreError;
+use super::months;
 use super::open_rows::{OpenRows, open_in};
+use super::packed::{self, ChannelEntry, PackedChannel};
 use super::sequence::next;
 use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, from_json, to_json};
 use lampyris_core::data::{ChannelView, DAY, Layer, Series, WindowShare};
 use lampyris_core::fault::Fault;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::OnceLock;
 
 /// Stands in owners for the window that is being written, whose number is not known yet. It is the newest.
 pub const ARRIVING: i64 = i64::MAX;
 
-/// Days as they are kept, still packed, in the order of channels, and the live samples that are not laid into
-/// them yet.
-#[derive(Debug, Clone, Default, PartialEq)]
+/// Days as they are kept, still packed, and the live samples that are not laid into them yet; of some
+/// channels, or of all.
+#[derive(Debug, Clone, Default)]
 pub struct Days {
     packed: Vec<PackedDay>,
     open: Vec<OpenRows>,
+    channels: Option<Vec<String>>,
+    /// They are unpacked once, when somebody looks.
+    unpacked: OnceLock<BTreeMap<i64, Vec<Layer>>>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 struct PackedDay {
-    channel: String,
-    block: Vec<u8>,
-    owners: String,
-}
-
-/// Days of a channel that take the place of those that were there.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DaysChange {
-    channel: String,
-    /// The first and the last day that is replaced, counted from 1970.
-    span: (i64, i64),
-    days: Vec<NewDay>,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-struct NewDay {
     day: i64,
-    unit: String,
+    channels: String,
+    block: Vec<u8>,
+}
+
+/// Channels of days that have come to something else.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DaysChange(BTreeMap<i64, BTreeMap<String, Vec<Layer>>>);
+
+/// A whole day as it is written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewDay {
+    /// The day, counted from 1970.
+    day: i64,
+    /// `None` where nothing of it is left.
+    content: Option<DayContent>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct DayContent {
     from_ms: i64,
     to_ms: i64,
+    channels: Vec<ChannelEntry>,
     block: Vec<u8>,
-    owners: Vec<(i64, usize)>,
 }
 
 impl Days {
-    /// The channels, by name.
-    pub fn channels(&self) -> BTreeSet<&str> {
-        let packed = self.packed.iter().map(|day| day.channel.as_str());
-        packed.chain(self.open.iter().map(|rows| rows.series.channel())).collect()
+    fn unpacked(&self) -> Result<&BTreeMap<i64, Vec<Layer>>, StoreError> {
+        if let Some(unpacked) = self.unpacked.get() {
+            return Ok(unpacked);
+        }
+        let mut days = BTreeMap::new();
+        for day in &self.packed {
+            let mut layers = unpack(&day.channels, &day.block)?;
+            layers.retain(|layer| self.has(layer.series.channel()));
+            days.insert(day.day, layers);
+        }
+        Ok(self.unpacked.get_or_init(|| days))
+    }
+
+    fn has(&self, channel: &str) -> bool {
+        self.channels.as_ref().is_none_or(|channels| channels.iter().any(|one| one == channel))
+    }
+
+    /// The channels, by name. This is work for a blocking thread or the CPU pool.
+    ///
+    /// # Errors
+    /// Where a day is not what was written.
+    pub fn channels(&self) -> Result<BTreeSet<&str>, StoreError> {
+        let laid = self.unpacked()?.values().flatten().map(|layer| layer.series.channel());
+        Ok(laid.chain(self.open.iter().map(|rows| rows.series.channel())).collect())
     }
 
     /// The numbers of the windows that gave the samples.
     pub(super) fn owners(&self) -> Result<BTreeSet<i64>, StoreError> {
         let mut numbers: BTreeSet<i64> = self.open.iter().map(|rows| rows.owner).collect();
         for day in &self.packed {
-            let owners: Vec<(i64, usize)> = from_json("the owners of a day", &day.owners)?;
-            numbers.extend(owners.into_iter().map(|(owner, _)| owner));
+            let channels: Vec<ChannelEntry> = from_json("the channels of a day", &day.channels)?;
+            numbers.extend(channels.iter().flat_map(|(_, _, owners)| owners).map(|(owner, _)| owner));
         }
         Ok(numbers)
     }
 
-    /// Unpacks what counts of a channel. This is work for a blocking thread or the CPU pool.
+    /// What counts of a channel. This is work for a blocking thread or the CPU pool.
     ///
     /// # Errors
     /// Where a day is not what was written.
     pub fn view(&self, channel: &str) -> Result<ChannelView, StoreError> {
-        let broken = |error: &dyn std::fmt::Display| corrupt(format!("a day of `{channel}`"), error);
-        let mut layers = Vec::new();
-        for day in self.packed.iter().filter(|day| day.channel == channel) {
-            layers.push(Layer {
-                series: Series::decode(&day.block).map_err(|error| broken(&error))?,
-                owners: from_json("the owners of a day", &day.owners)?,
-            });
-        }
-        let mut view = ChannelView::of_layers(channel, &layers).map_err(|fault| broken(&fault))?;
+        let layers = self.unpacked()?.values().flatten().filter(|layer| layer.series.channel() == channel);
+        let mut view = ChannelView::of_layers(channel, layers)
+            .map_err(|fault| corrupt(format!("a day of `{channel}`"), &fault))?;
         for rows in self.open.iter().filter(|rows| rows.series.channel() == channel) {
             view.put(&rows.series, rows.owner);
         }
         Ok(view)
     }
 
-    /// Unpacks what counts of a channel as one series, `None` where there is nothing. This is work for a
-    /// blocking thread or the CPU pool.
+    /// What counts of a channel as one series, `None` where there is nothing. This is work for a blocking
+    /// thread or the CPU pool.
     ///
     /// # Errors
     /// Where a day is not what was written.
@@ -95,42 +117,106 @@ impl Days {
     }
 }
 
+/// The layers of a day.
+fn unpack(channels: &str, block: &[u8]) -> Result<Vec<Layer>, StoreError> {
+    let mut layers: Vec<Layer> = Vec::new();
+    for PackedChannel { channel, series, pairs } in packed::read("a day", channels, block)? {
+        let series = series.ok_or_else(|| corrupt("a day", &format!("`{channel}` has no unit")))?;
+        let owners = match layers.last() {
+            Some(before) if pairs.is_empty() => before.owners.clone(),
+            _ => {
+                let counted = |(owner, count): (i64, i64)| Some((owner, usize::try_from(count).ok()?));
+                let owners = pairs.into_iter().map(counted).collect::<Option<_>>();
+                owners.ok_or_else(|| corrupt("a day", &format!("`{channel}` has fewer than no samples")))?
+            }
+        };
+        layers.push(Layer { series, owners });
+    }
+    Ok(layers)
+}
+
 impl DaysChange {
-    /// Packs the days in which a window has given something to a view. This is work for a blocking thread.
+    /// The days in which a window has given something to a view.
     ///
     /// # Errors
     /// Where the samples are no series.
-    pub fn touched(channel: &str, view: &ChannelView, share: &WindowShare) -> Result<Vec<Self>, StoreError> {
+    pub fn touch(
+        &mut self,
+        channel: &str,
+        view: &ChannelView,
+        share: &WindowShare,
+    ) -> Result<(), StoreError> {
         let times = share.own.iter().flat_map(|own| own.times());
         let days: BTreeSet<i64> = times.map(|time| time.div_euclid(DAY)).collect();
-        days.into_iter().map(|day| Self::pack(channel, view, (day, day))).collect()
+        days.into_iter().try_for_each(|day| self.put(channel, view, (day, day)))
     }
 
-    /// Packs the days of a view that covers whole days between two instants. This is work for a blocking
-    /// thread.
+    /// The whole days between two instants, which a view covers.
     ///
     /// # Errors
     /// Where the samples are no series.
-    pub fn between(channel: &str, view: &ChannelView, (from, to): (i64, i64)) -> Result<Self, StoreError> {
-        Self::pack(channel, view, (from.div_euclid(DAY), to.div_euclid(DAY)))
+    pub fn cover(
+        &mut self,
+        channel: &str,
+        view: &ChannelView,
+        (from, to): (i64, i64),
+    ) -> Result<(), StoreError> {
+        self.put(channel, view, (from.div_euclid(DAY), to.div_euclid(DAY)))
     }
 
-    fn pack(channel: &str, view: &ChannelView, span: (i64, i64)) -> Result<Self, StoreError> {
-        let layers = view.days(span).map_err(|fault| unfit(channel, &fault))?;
-        let pack = |(day, layer): (i64, Layer)| NewDay {
-            day,
-            unit: layer.series.unit().to_owned(),
-            from_ms: layer.series.from(),
-            to_ms: layer.series.to(),
-            block: layer.series.encode(),
-            owners: layer.owners,
-        };
-        Ok(Self { channel: channel.to_owned(), span, days: layers.into_iter().map(pack).collect() })
+    fn put(&mut self, channel: &str, view: &ChannelView, span: (i64, i64)) -> Result<(), StoreError> {
+        for day in span.0..=span.1 {
+            self.0.entry(day).or_default().insert(channel.to_owned(), Vec::new());
+        }
+        for (day, layer) in view.days(span).map_err(|fault| unfit(channel, &fault))? {
+            self.0.entry(day).or_default().entry(channel.to_owned()).or_default().push(layer);
+        }
+        Ok(())
     }
 
+    /// Packs the days, with what was there of other channels. This is work for a blocking thread.
+    ///
+    /// # Errors
+    /// Where a day is not what was written.
+    pub fn over(self, there: &Days) -> Result<Vec<NewDay>, StoreError> {
+        let there = there.unpacked()?;
+        let mut days = Vec::with_capacity(self.0.len());
+        for (day, changed) in self.0 {
+            let before = there.get(&day).map_or(&[][..], Vec::as_slice);
+            let kept = before.iter().filter(|layer| !changed.contains_key(layer.series.channel())).cloned();
+            let mut layers: Vec<Layer> = kept.chain(changed.values().flatten().cloned()).collect();
+            layers.sort_by(|one, other| one.series.channel().cmp(other.series.channel()));
+            if !layers.is_empty() || !before.is_empty() {
+                days.push(NewDay { day, content: DayContent::new(layers) });
+            }
+        }
+        Ok(days)
+    }
+}
+
+impl NewDay {
     /// How much room it takes, about.
     pub(super) fn bytes(&self) -> usize {
-        self.days.iter().map(|day| day.block.len() + 16 * day.owners.len()).sum()
+        self.content.as_ref().map_or(0, |content| content.block.len() + 64 * content.channels.len())
+    }
+}
+
+impl DayContent {
+    fn new(layers: Vec<Layer>) -> Option<Self> {
+        let from_ms = layers.iter().map(|layer| layer.series.from()).min()?;
+        let to_ms = layers.iter().map(|layer| layer.series.to()).max()?;
+        let mut before: Vec<(i64, usize)> = Vec::new();
+        let channels = layers.into_iter().map(|layer| {
+            let owners = if layer.owners == before { Vec::new() } else { layer.owners.clone() };
+            before = layer.owners;
+            PackedChannel {
+                channel: layer.series.channel().to_owned(),
+                series: Some(layer.series),
+                pairs: owners.into_iter().map(|(owner, count)| (owner, count as i64)).collect(),
+            }
+        });
+        let (channels, block) = packed::write(channels.collect());
+        Some(Self { from_ms, to_ms, channels, block })
     }
 }
 
@@ -152,7 +238,8 @@ pub(super) async fn read_in(
     channels: Option<&[String]>,
 ) -> Result<Days, StoreError> {
     let open = open_in(connection, system, whole_days(span), channels).await?;
-    Ok(Days { open, ..laid_in(connection, system, span, channels).await? })
+    let channels = channels.map(<[String]>::to_vec);
+    Ok(Days { open, channels, ..laid_in(connection, system, span).await? })
 }
 
 /// The days that touch a stretch of time, without the samples that are not laid into them yet.
@@ -160,31 +247,17 @@ pub(super) async fn laid_in(
     connection: &mut Session,
     system: &str,
     (from, to): (i64, i64),
-    channels: Option<&[String]>,
 ) -> Result<Days, StoreError> {
-    macro_rules! laid {
-        ($which:literal) => {
-            concat!(
-                "SELECT channel, block, owners FROM days WHERE system = $1 AND channel IN (",
-                $which,
-                ") AND day BETWEEN $2 AND $3 ORDER BY channel, day"
-            )
-        };
-    }
-    // By name in either case: so the index leads to the days.
-    let sql = match channels {
-        Some(_) => laid!("SELECT value FROM json_each($4)"),
-        None => laid!("SELECT DISTINCT channel FROM days WHERE system = $1 AND $4 IS NULL"),
-    };
-    let rows: Vec<(String, Vec<u8>, String)> = query_as(sql)
+    let sql =
+        "SELECT day, channels, block FROM days WHERE system = $1 AND day BETWEEN $2 AND $3 ORDER BY day";
+    let rows: Vec<(i64, String, Vec<u8>)> = query_as(sql)
         .bind(system)
         .bind(from.div_euclid(DAY))
         .bind(to.div_euclid(DAY))
-        .bind(channels.map(|channels| to_json("channels", channels)).transpose()?)
         .fetch_all(connection)
         .await?;
-    let packed = |(channel, block, owners)| PackedDay { channel, block, owners };
-    Ok(Days { packed: rows.into_iter().map(packed).collect(), open: Vec::new() })
+    let packed = |(day, channels, block)| PackedDay { day, channels, block };
+    Ok(Days { packed: rows.into_iter().map(packed).collect(), ..Days::default() })
 }
 
 /// What tells one state of a system's measurements from another; 0 where there never were any.
@@ -200,38 +273,32 @@ pub(super) async fn version_in(connection: &mut Session, system: &str) -> Result
 pub(super) async fn write(
     tx: &mut Session,
     system: &str,
-    changes: &[DaysChange],
+    days: &[NewDay],
     arriving: i64,
 ) -> Result<(), StoreError> {
-    for change in changes {
-        let sql = "DELETE FROM days WHERE system = $1 AND channel = $2 AND day BETWEEN $3 AND $4";
+    months::keep(tx, "days", days.iter().filter(|day| day.content.is_some()).map(|day| day.day)).await?;
+    for NewDay { day, content } in days {
+        let Some(content) = content else {
+            let sql = "DELETE FROM days WHERE system = $1 AND day = $2";
+            query(sql).bind(system).bind(day).execute(&mut *tx).await?;
+            continue;
+        };
+        let mut channels = content.channels.clone();
+        for (owner, _) in channels.iter_mut().flat_map(|(_, _, owners)| owners) {
+            *owner = if *owner == ARRIVING { arriving } else { *owner };
+        }
+        let sql = "INSERT INTO days (system, day, from_ms, to_ms, channels, block) VALUES ($1, $2, $3, $4, $5, $6) \
+            ON CONFLICT (system, day) DO UPDATE SET from_ms = excluded.from_ms, to_ms = excluded.to_ms, \
+            channels = excluded.channels, block = excluded.block";
         query(sql)
             .bind(system)
-            .bind(&change.channel)
-            .bind(change.span.0)
-            .bind(change.span.1)
+            .bind(day)
+            .bind(content.from_ms)
+            .bind(content.to_ms)
+            .bind(to_json("the channels of a day", &channels)?)
+            .bind(&content.block)
             .execute(&mut *tx)
             .await?;
-        for day in &change.days {
-            let number = |(owner, count): &(i64, usize)| match *owner {
-                ARRIVING => (arriving, *count),
-                owner => (owner, *count),
-            };
-            let owners: Vec<(i64, usize)> = day.owners.iter().map(number).collect();
-            let sql = "INSERT INTO days (system, channel, day, unit, from_ms, to_ms, block, owners) VALUES ($1, \
-                $2, $3, $4, $5, $6, $7, $8)";
-            query(sql)
-                .bind(system)
-                .bind(&change.channel)
-                .bind(day.day)
-                .bind(&day.unit)
-                .bind(day.from_ms)
-                .bind(day.to_ms)
-                .bind(&day.block)
-                .bind(to_json("owners", &owners)?)
-                .execute(&mut *tx)
-                .await?;
-        }
     }
     change_version(tx, system).await?;
     Ok(())

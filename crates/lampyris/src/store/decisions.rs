@@ -5,6 +5,7 @@ use super::database::Store;
 use super::engine::Session;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
+use super::packed::decompress;
 use super::params;
 use super::revisions::{Cause, NewRevision, publish};
 use super::row::row;
@@ -63,7 +64,7 @@ row! {
         job: String,
         model: String,
         own_model: String,
-        document: String,
+        document: Vec<u8>,
         verdict: String,
         created_at: i64,
         served: Option<String>,
@@ -149,7 +150,7 @@ pub async fn decide(
     .await?;
     let mut revision = None;
     if decision == Decision::Promoted {
-        let found: Fit = from_json("a fit", &row.document)?;
+        let found: Fit = decompress("a fit", &row.document)?;
         let new = NewRevision {
             system: &row.system,
             fit,

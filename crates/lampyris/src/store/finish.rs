@@ -7,6 +7,7 @@ use super::database::Store;
 use super::diagnoses::{self, Report};
 use super::engine::Session;
 use super::error::StoreError;
+use super::fits::PackedFit;
 use super::job::{JobFailure, Outcome};
 use super::job_record::Lease;
 use super::revisions::{self, Cause, NewRevision};
@@ -100,6 +101,11 @@ pub async fn finish(
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
     failpoint::reached("before_finish");
+    // Packed before anybody waits for the transaction.
+    let packed = match ending {
+        JobEnd::Fitted(finding) => Some(PackedFit::new(&finding.fit, &finding.judgement.checks)?),
+        _ => None,
+    };
     // Whoever may take the job away, or touches what is said of its system, writes alone.
     let mut tx = store.write_beside().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
@@ -116,9 +122,9 @@ pub async fn finish(
     let counts = leased.own_model && !leased.experiment;
     // Whoever called it off was told so by a transaction before this one.
     let ending = if leased.cancelling { &JobEnd::Cancelled } else { ending };
-    let finished = match ending {
-        JobEnd::Fitted(finding) => {
-            let mut finished = keep_fit(&mut tx, lease, &leased, finding, counts, now).await?;
+    let finished = match (ending, packed) {
+        (JobEnd::Fitted(finding), Some(packed)) => {
+            let mut finished = keep_fit(&mut tx, (lease, &leased), finding, packed, counts, now).await?;
             if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
                 finished.diagnosis = diagnoses::keep(
                     &mut tx,
@@ -150,8 +156,8 @@ pub async fn finish(
             .await?;
             finished
         }
-        JobEnd::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
-        JobEnd::Failed(failure) => {
+        (JobEnd::Tuned(tuned), _) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
+        (JobEnd::Failed(failure), _) => {
             query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
                 .bind(&lease.job)
                 .bind(to_json("a failure", failure)?)
@@ -163,7 +169,7 @@ pub async fn finish(
             }
             Finished::default()
         }
-        JobEnd::Cancelled => {
+        (JobEnd::Cancelled | JobEnd::Fitted(_), _) => {
             query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE id = $1")
                 .bind(&lease.job)
                 .bind(millis(now))
@@ -225,25 +231,26 @@ async fn keep_tuning(
 /// Keeps a fit with its verdict, and draws the consequences for what is served.
 async fn keep_fit(
     tx: &mut Session,
-    lease: &Lease,
-    leased: &Leased,
+    (lease, leased): (&Lease, &Leased),
     finding: &JudgedFit,
+    packed: PackedFit,
     counts: bool,
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
     let JudgedFit { fit, judgement, .. } = finding;
     let system = leased.system.as_str();
     let id = id_of("fit", &format!("{} {}", lease.job, lease.attempt));
-    let sql = "INSERT INTO fits (id, job, system, model, document, verdict, checks, summary, created_at) \
-        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
+    let sql = "INSERT INTO fits (id, job, system, model, document, replay, verdict, checks, summary, \
+        created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)";
     query(sql)
         .bind(&id)
         .bind(&lease.job)
         .bind(system)
         .bind(&fit.model)
-        .bind(to_json("a fit", fit)?)
+        .bind(packed.document)
+        .bind(packed.replay)
         .bind(judgement.verdict.as_str())
-        .bind(to_json("checks", &judgement.checks)?)
+        .bind(packed.checks)
         .bind(&judgement.summary)
         .bind(millis(now))
         .execute(&mut *tx)

@@ -2,14 +2,19 @@
 
 use super::database::Store;
 use super::error::StoreError;
+use super::packed::{compress, decompress};
 use super::page;
 use super::reach::SystemScope;
 use super::row::row;
 use super::statement::query_as;
-use super::value::{from_json, instant, parse, to_json};
+use super::value::{instant, parse, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::Fit;
+use lampyris_core::estimate::fit::TracePoint;
+use lampyris_core::estimate::fit::covariance::Covariance;
+use lampyris_core::estimate::gate::check::CheckResult;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
 /// A fit as it is kept.
@@ -65,9 +70,10 @@ row! {
         id: String,
         job: String,
         system: String,
-        document: String,
+        document: Vec<u8>,
+        replay: Option<Vec<u8>>,
         verdict: String,
-        checks: String,
+        checks: Vec<u8>,
         summary: String,
         created_at: i64,
     }
@@ -75,10 +81,15 @@ row! {
 
 impl Row {
     fn record(self) -> Result<FitRecord, StoreError> {
+        let mut fit: Fit = decompress("a fit", &self.document)?;
+        if let Some(replay) = &self.replay {
+            let replay: Replay = decompress("the way to a fit", replay)?;
+            fit = Fit { trace: replay.trace, covariance: replay.covariance, ..fit };
+        }
         Ok(FitRecord {
             system: parse("a system", &self.system)?,
-            fit: from_json("a fit", &self.document)?,
-            checks: from_json("checks", &self.checks)?,
+            fit,
+            checks: decompress("checks", &self.checks)?,
             created_at: instant(self.created_at)?,
             id: self.id,
             job: self.job,
@@ -108,18 +119,60 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
     row.map(Row::record).transpose()
 }
 
+/// What the same search would find again: it goes first where there is much to keep.
+#[derive(Serialize, Deserialize)]
+struct Replay {
+    trace: Vec<TracePoint>,
+    covariance: Option<Covariance>,
+}
+
+/// A fit as its row has it.
+#[derive(Debug)]
+pub(super) struct PackedFit {
+    /// What decides.
+    pub document: Vec<u8>,
+    /// What the same search would find again.
+    pub replay: Vec<u8>,
+    /// What the gate has looked at.
+    pub checks: Vec<u8>,
+}
+
+impl PackedFit {
+    pub(super) fn new(fit: &Fit, checks: &[CheckResult]) -> Result<Self, StoreError> {
+        let mut rest = fit.clone();
+        let replay = Replay { trace: std::mem::take(&mut rest.trace), covariance: rest.covariance.take() };
+        Ok(Self {
+            document: compress("a fit", &rest)?,
+            replay: compress("the way to a fit", &replay)?,
+            checks: compress("checks", checks)?,
+        })
+    }
+}
+
 /// In which circumstances the served fits of these systems fail most, of those where some stand out.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn worst_regimes(store: &Store, systems: &[String]) -> Result<HashMap<String, String>, StoreError> {
-    let sql = "SELECT r.system, json_extract(f.document, '$.worst_regime') FROM revisions r JOIN fits f ON \
-        f.id = r.fit \
-        WHERE r.current AND r.system IN (SELECT value FROM json_each($1)) AND \
-        json_extract(f.document, '$.worst_regime') IS NOT NULL";
-    let rows: Vec<(String, String)> =
+    let sql = "SELECT r.system, f.document FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.current AND r.system \
+        IN (SELECT value FROM json_each($1))";
+    let rows: Vec<(String, Vec<u8>)> =
         query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
-    Ok(rows.into_iter().collect())
+    let mut worst = HashMap::new();
+    for (system, document) in rows {
+        let Listed { worst_regime, .. } = decompress("a fit", &document)?;
+        worst.extend(worst_regime.map(|regime| (system, regime)));
+    }
+    Ok(worst)
+}
+
+/// What a list reads of a fit.
+#[derive(Deserialize)]
+struct Listed {
+    metrics: serde_json::Value,
+    parts: serde_json::Value,
+    #[serde(default)]
+    worst_regime: Option<String>,
 }
 
 row! {
@@ -131,8 +184,7 @@ row! {
         model: String,
         verdict: String,
         summary: String,
-        metrics: String,
-        parts: String,
+        document: Vec<u8>,
         served: bool,
         created_at: i64,
     }
@@ -140,10 +192,11 @@ row! {
 
 impl EntryRow {
     fn entry(self) -> Result<FitEntry, StoreError> {
+        let Listed { metrics, parts, .. } = decompress("a fit", &self.document)?;
         Ok(FitEntry {
             system: parse("a system", &self.system)?,
-            metrics: from_json("the errors of a fit", &self.metrics)?,
-            parts: from_json("the parts of a fit", &self.parts)?,
+            metrics,
+            parts,
             created_at: instant(self.created_at)?,
             id: self.id,
             place: self.place,
@@ -167,14 +220,11 @@ pub async fn page(
     before: i64,
     limit: i64,
 ) -> Result<Vec<FitEntry>, StoreError> {
-    // The documents hold whole traces; the database reads the little that a list shows.
     macro_rules! listed {
         ($whose:literal) => {
             concat!(
                 "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at, \
-                json_extract(f.document, '$.metrics') AS metrics, json_extract(f.document, '$.parts') AS \
-                parts, \
-                EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served FROM fits f WHERE ",
+                f.document, EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served FROM fits f WHERE ",
                 $whose,
                 " AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, f.system))) \
                 AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3"

@@ -9,7 +9,7 @@ use lampyris_core::data::SystemId;
 use std::collections::{BTreeMap, HashSet};
 
 /// Days with the names of the windows that gave their samples.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct OwnedDays {
     /// The days.
     pub days: Days,
@@ -56,9 +56,9 @@ pub async fn read_owned(
 /// # Errors
 /// Where the database fails.
 pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
-    let sql = "SELECT MIN(first), MAX(last) FROM (SELECT (SELECT MIN(from_ms) FROM days WHERE system = $1) AS \
-        first, (SELECT MAX(to_ms) FROM days WHERE system = $1) AS last UNION ALL SELECT MIN(from_ms), \
-        MAX(to_ms) FROM samples WHERE system = $1) spans";
+    let sql = "SELECT MIN(first), MAX(last) FROM (SELECT (SELECT from_ms FROM days WHERE system = $1 ORDER BY \
+        day LIMIT 1) AS first, (SELECT to_ms FROM days WHERE system = $1 ORDER BY day DESC LIMIT 1) AS last \
+        UNION ALL SELECT MIN(from_ms), MAX(to_ms) FROM samples WHERE system = $1) spans";
     let (from, to): (Option<i64>, Option<i64>) =
         query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?;
     Ok(from.zip(to))
@@ -79,8 +79,8 @@ pub async fn systems(store: &Store) -> Result<HashSet<String>, StoreError> {
 /// # Errors
 /// Where the database fails.
 pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
-    let sql = "SELECT channel FROM days WHERE system = $1 UNION SELECT json_extract(r.value, '$[0]') FROM samples s, \
-        json_each(s.rows) r WHERE s.system = $1 ORDER BY 1";
+    let sql = "SELECT json_extract(c.value, '$[0]') FROM days d, json_each(d.channels) c WHERE d.system = $1 UNION \
+        SELECT json_extract(r.value, '$[0]') FROM samples s, json_each(s.rows) r WHERE s.system = $1 ORDER BY 1";
     Ok(query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
 }
 

@@ -4,13 +4,14 @@
 //! them. Before the first of them touches a database that holds something, a backup is made beside it.
 
 use super::backup::{copy, require_own_log, require_sound};
-use super::engine;
+use super::engine::Session;
 use super::error::StoreError;
 use super::failpoint;
 use super::file::{beside, options, real};
 use super::lock::lock;
 use super::schema::{MIGRATIONS, is_behind, newest, schema};
-use super::shares;
+use super::taking_in::take_in;
+use sqlx::migrate::Migrator;
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use std::path::{Path, PathBuf};
 
@@ -58,19 +59,23 @@ pub(super) async fn require_up_to_date(
 pub(super) async fn bring_up_to_date(path: &Path) -> Result<Migrated, StoreError> {
     require_own_log(path).await?;
     let mut connection = options(path).create_if_missing(true).connect().await?;
-    match bring(&mut connection, path).await {
-        Ok(migrated) => {
-            let mut alone = engine::Session::Alone(Box::new(connection));
-            let taken_in = shares::take_in(&mut alone).await;
-            alone.close().await?;
-            taken_in.map(|()| migrated)
-        }
-        Err(error) => {
-            connection.close().await?;
-            Err(error)
-        }
-    }
+    let migrated = bring(&mut connection, path).await;
+    connection.close().await?;
+    migrated
 }
+
+/// Lets tests kill the process before any of its commits.
+async fn watch(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    connection.lock_handle().await?.set_commit_hook(|| {
+        failpoint::reached("in_migration");
+        true
+    });
+    Ok(())
+}
+
+/// The schema in which measurements by channel stand beside those by day, where they are taken from the one
+/// to the other.
+const TAKING_IN: i64 = 28;
 
 async fn bring(connection: &mut SqliteConnection, path: &Path) -> Result<Migrated, StoreError> {
     let from = schema(connection, path).await?;
@@ -82,10 +87,18 @@ async fn bring(connection: &mut SqliteConnection, path: &Path) -> Result<Migrate
         backup = Some(file);
     }
     sqlx::query("PRAGMA journal_mode = WAL").execute(&mut *connection).await?;
-    connection.lock_handle().await?.set_commit_hook(|| {
-        failpoint::reached("in_migration");
-        true
-    });
+    watch(connection).await?;
+    if from <= TAKING_IN {
+        let first = MIGRATIONS.iter().filter(|migration| migration.version <= TAKING_IN).cloned().collect();
+        let first = Migrator::with_migrations(first);
+        first.run_direct(None, connection, false).await.map_err(StoreError::Migration)?;
+        let mut beside = options(path).connect().await?;
+        watch(&mut beside).await?;
+        let mut beside = Session::Alone(Box::new(beside));
+        let taken_in = take_in(&mut beside).await;
+        beside.close().await?;
+        taken_in?;
+    }
     MIGRATIONS.run_direct(None, connection, false).await.map_err(StoreError::Migration)?;
     Ok(Migrated { from, to: newest(), backup })
 }

@@ -8,8 +8,11 @@
 //! |---|---|
 //! | `systems` | documents of rooms and plants |
 //! | `windows` | uploaded measurements |
-//! | `shares` | what each of them gave to what counts, one block per channel |
-//! | `days`, `measured` | what counts, by channel and day, and what readers ask of it |
+//! | `shares` | what each of them gave to what counts |
+//! | `days`, `measured` | what counts, by day, and what readers ask of it |
+//! | `months`, `expiry` | the months that tables of samples are kept by, and how they are forgotten |
+//! | `packed` | channels and documents as rows have them, compressed |
+//! | `taking_in` | measurements of earlier programs on their way there |
 //! | `uploads` | how an upload is taken |
 //! | `sources` | where measurements of other programs belong |
 //! | `samples`, `open_rows` | live samples, until they are laid into the days |
@@ -63,6 +66,7 @@ pub mod entry;
 mod error;
 pub mod events;
 pub mod evidence;
+pub mod expiry;
 pub mod failpoint;
 pub mod feed;
 mod file;
@@ -79,8 +83,10 @@ pub mod measured;
 pub mod metrics;
 pub mod migrate;
 pub mod models;
+mod months;
 pub mod moving;
 mod open_rows;
+mod packed;
 mod page;
 pub mod params;
 pub mod pins;
@@ -102,6 +108,7 @@ pub mod shares;
 pub mod sources;
 mod statement;
 pub mod systems;
+mod taking_in;
 pub mod tokens;
 pub mod uploads;
 mod value;

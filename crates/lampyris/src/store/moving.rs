@@ -5,6 +5,7 @@ use super::error::StoreError;
 use super::file::{options, real};
 use super::lock::lock;
 use super::migrate::bring_up_to_date;
+use super::months;
 use super::postgres;
 use sqlx::postgres::PgConnection;
 use sqlx::sqlite::SqliteRow;
@@ -20,7 +21,6 @@ const AT_ONCE: usize = 200;
 const TABLES: [&str; 34] = [
     "systems",
     "windows",
-    "window_blocks",
     "window_aliases",
     "models",
     "effects",
@@ -46,6 +46,7 @@ const TABLES: [&str; 34] = [
     "audit",
     "evidence",
     "days",
+    "shares",
     "measured",
     "samples",
     "forecast_inputs",
@@ -83,6 +84,14 @@ pub async fn move_to(path: &Path, url: &str) -> Result<MoveReport, StoreError> {
         return Err(StoreError::NotEmpty(known));
     }
     let mut rows = Vec::new();
+    for table in months::TABLES {
+        let sql = format!("SELECT DISTINCT day FROM {table}");
+        let days: Vec<i64> = sqlx::query_scalar(AssertSqlSafe(sql)).fetch_all(&mut from).await?;
+        for (name, first, next) in months::needed(table, days.into_iter())? {
+            let made = sqlx::query(months::KEEP).bind(table).bind(name).bind(first).bind(next);
+            made.execute(&mut *tx).await?;
+        }
+    }
     for table in TABLES {
         rows.push((table, copy(&mut from, &mut tx, table).await?));
     }

@@ -54,11 +54,10 @@ const BELONGINGS: [&str; 8] = [
 /// their system by `$2` milliseconds or give nothing to what counts. Those up to `$3` have been looked at.
 const DISPENSABLE_WINDOWS: &str = "SELECT w.sequence, w.id FROM windows w \
     WHERE w.uploaded_at < $1 AND w.sequence > $3 \
-    AND (w.to_ms < (SELECT MAX(d.to_ms) FROM days d WHERE d.system = w.system) - $2 \
-    OR NOT EXISTS (SELECT 1 FROM window_blocks b JOIN days d ON d.system = w.system \
-    AND d.channel = b.channel AND d.day BETWEEN w.from_ms / 86400000 - 1 AND w.to_ms / 86400000, \
-    json_each(d.owners) o WHERE b.window_id = w.id AND CAST(json_extract(o.value, '$[0]') AS BIGINT) = \
-    w.sequence)) \
+    AND (w.to_ms < (SELECT d.to_ms FROM days d WHERE d.system = w.system ORDER BY d.day DESC LIMIT 1) - $2 \
+    OR NOT EXISTS (SELECT 1 FROM days d, json_each(d.channels) c, json_each(json_extract(c.value, '$[2]')) o \
+    WHERE d.system = w.system AND d.day BETWEEN w.from_ms / 86400000 - 1 AND w.to_ms / 86400000 \
+    AND CAST(json_extract(o.value, '$[0]') AS BIGINT) = w.sequence)) \
     AND NOT EXISTS (SELECT 1 FROM samples s WHERE s.window_id = w.id) \
     AND NOT EXISTS (SELECT 1 FROM fit_windows c JOIN fits f ON f.id = c.fit WHERE c.window_id = w.id \
     AND f.verdict <> 'rejected') ORDER BY w.sequence LIMIT $4";
@@ -113,6 +112,28 @@ pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, Sto
     let gone = query(sql).bind(millis(before)).execute(&mut *tx).await?;
     tx.commit().await?;
     Ok(gone)
+}
+
+/// Removes what the same search would find again from fits of before an instant that were never served; says
+/// from how many.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn shorten_fits(store: &Store, before: Timestamp) -> Result<u64, StoreError> {
+    let sql = "UPDATE fits SET replay = NULL WHERE id IN (SELECT f.id FROM fits f WHERE f.replay IS NOT NULL AND \
+        f.created_at < $1 AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id) \
+        AND NOT EXISTS (SELECT 1 FROM offers o WHERE o.fit = f.id AND NOT EXISTS (SELECT 1 FROM decisions d \
+        WHERE d.fit = f.id)) LIMIT $2)";
+    let mut shortened = 0;
+    loop {
+        let mut tx = store.write().await?;
+        let some = query(sql).bind(millis(before)).bind(HANDFUL).execute(&mut *tx).await?;
+        tx.commit().await?;
+        shortened += some;
+        if some == 0 {
+            return Ok(shortened);
+        }
+    }
 }
 
 /// Windows that came before an instant, that no fit needs, and that lie so many days before the newest sample

@@ -4,18 +4,19 @@
 //! fits cite days. Readers (`days`) lay what is open over what is laid in.
 
 use super::database::Store;
-use super::days::{self, Days, DaysChange};
+use super::days::{self, Days, NewDay};
 use super::engine::Session;
 use super::error::StoreError;
 use super::open_rows;
+use super::packed::compress;
 use super::row::row;
 use super::sequence::{derive_id, next};
-use super::shares::{self, PackedShare};
+use super::shares::{self, PackedShares};
 use super::statement::{query, query_as, query_scalar};
 use super::value::{millis, parse};
-use super::windows::{WindowRecord, WindowRow, shares_of, unit_in};
+use super::windows::{WindowRecord, WindowRow, unit_in};
 use jiff::Timestamp;
-use lampyris_core::data::{ChannelKind, DAY, Series, SystemId, Window};
+use lampyris_core::data::{ChannelKind, DAY, Series, SystemId, Window, WindowReport};
 
 /// A post of one system.
 #[derive(Debug)]
@@ -24,8 +25,8 @@ pub struct Post {
     pub system: SystemId,
     /// What it brings.
     pub window: Window,
-    /// What was said about it, JSON.
-    pub report: String,
+    /// What was said about it.
+    pub report: WindowReport,
 }
 
 /// What became of a post.
@@ -45,10 +46,10 @@ pub struct Open {
     /// The window, with the number under which it gives samples.
     pub window: WindowRecord,
     /// What it has given so far.
-    pub shares: Vec<PackedShare>,
+    pub shares: Option<PackedShares>,
     /// The rows of the posts, in their order.
     pub rows: Vec<Series>,
-    /// What counts of their channels on their days, without the rows themselves.
+    /// What counts on their days, without the rows themselves.
     pub days: Days,
     /// The number of the newest of them.
     last: i64,
@@ -60,11 +61,11 @@ pub struct Open {
 #[derive(Debug)]
 pub struct LaidIn {
     /// What it has given by now.
-    pub shares: Vec<PackedShare>,
-    /// What is said about it by now, JSON.
-    pub report: String,
+    pub shares: PackedShares,
+    /// What is said about it by now.
+    pub report: WindowReport,
     /// The days in which it has given something.
-    pub days: Vec<DaysChange>,
+    pub days: Vec<NewDay>,
 }
 
 row! {
@@ -174,7 +175,7 @@ async fn window_of_today(
         .bind(sequence)
         .bind(from)
         .bind(to)
-        .bind(&post.report)
+        .bind(compress("a report", &post.report)?)
         .bind(millis(now))
         .bind(today)
         .execute(tx)
@@ -202,13 +203,10 @@ pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, Stor
     for post in &posts {
         rows.extend(open_rows::read(&post.rows)?);
     }
-    let mut channels: Vec<String> = rows.iter().map(|series| series.channel().to_owned()).collect();
-    channels.sort();
-    channels.dedup();
     let sql = "SELECT MAX(sequence) FROM windows WHERE system = $1";
     Ok(Some(Open {
-        shares: shares_of(&mut tx, &window.id).await?,
-        days: days::laid_in(&mut tx, &name, span, Some(&channels)).await?,
+        shares: shares::of(&mut tx, &window.id).await?,
+        days: days::laid_in(&mut tx, &name, span).await?,
         last: posts.last().map_or(0, |post| post.sequence),
         newest: query_scalar(sql).bind(&name).fetch_one(&mut tx).await?,
         window,
@@ -220,7 +218,8 @@ pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, Stor
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn) -> Result<bool, StoreError> {
+pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn, now: Timestamp) -> Result<bool, StoreError> {
+    let report = compress("a report", &laid.report)?;
     let mut tx = store.write().await?;
     let system = open.window.system.to_string();
     let sql = "SELECT MAX(sequence) FROM windows WHERE system = $1";
@@ -229,11 +228,11 @@ pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn) -> Result<bool, S
         tx.take_back().await?;
         return Ok(false);
     }
-    shares::write(&mut tx, &open.window.id, laid.shares.iter()).await?;
+    shares::write(&mut tx, &open.window.id, &laid.shares, now).await?;
     days::write(&mut tx, &system, &laid.days, open.window.sequence).await?;
     query("UPDATE windows SET report = $2 WHERE id = $1")
         .bind(&open.window.id)
-        .bind(&laid.report)
+        .bind(&report)
         .execute(&mut *tx)
         .await?;
     query("DELETE FROM samples WHERE window_id = $1 AND sequence <= $2")

@@ -1,116 +1,84 @@
-//! What every window gave to what counts, as its rows keep it, and windows of earlier programs, whose rows
-//! held all that they had.
+//! What every window gave to what counts, as its row keeps it.
 
-use super::days::{self, DaysChange, unfit};
 use super::engine::Session;
 use super::error::StoreError;
-use super::statement::{query, query_as, query_scalar};
-use super::value::{corrupt, from_json, to_json};
-use lampyris_core::data::{Series, WindowShare, lay};
+use super::months;
+use super::packed::{self, PackedChannel};
+use super::statement::{query, query_as};
+use super::value::to_json;
+use jiff::Timestamp;
+use lampyris_core::data::{DAY, WindowShare};
+use std::collections::BTreeMap;
 
-/// The share of a window in one channel, packed.
+/// The shares of a window by channel, packed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PackedShare {
-    /// The channel.
-    pub channel: String,
-    block: Option<Vec<u8>>,
-    repeats: String,
+pub struct PackedShares {
+    channels: String,
+    block: Vec<u8>,
 }
 
-impl PackedShare {
-    /// Packs a share. This is work for a blocking thread.
+impl PackedShares {
+    /// Packs shares. This is work for a blocking thread.
     ///
     /// # Errors
-    /// Where its stretches cannot be written.
-    pub fn new(channel: &str, share: &WindowShare) -> Result<Self, StoreError> {
-        Ok(Self {
-            channel: channel.to_owned(),
-            block: share.own.as_ref().map(Series::encode),
-            repeats: to_json("what a window repeats", &share.repeats)?,
-        })
-    }
-
-    /// Unpacks it. This is work for a blocking thread.
-    ///
-    /// # Errors
-    /// Where it is not what was written.
-    pub fn decode(&self) -> Result<WindowShare, StoreError> {
-        let unpack = |block: &Vec<u8>| {
-            Series::decode(block).map_err(|error| corrupt(format!("a block of `{}`", self.channel), &error))
+    /// Where their stretches cannot be written.
+    pub fn new(shares: BTreeMap<String, WindowShare>) -> Result<Self, StoreError> {
+        let packed = |(channel, share): (String, WindowShare)| PackedChannel {
+            channel,
+            series: share.own,
+            pairs: share.repeats,
         };
-        Ok(WindowShare {
-            own: self.block.as_ref().map(unpack).transpose()?,
-            repeats: from_json("what a window repeats", &self.repeats)?,
-        })
+        let (channels, block) = packed::write(shares.into_iter().map(packed).collect());
+        Ok(Self { channels: to_json("what a window gave", &channels)?, block })
     }
 
-    /// How much room it takes, about.
+    /// Unpacks them. This is work for a blocking thread.
+    ///
+    /// # Errors
+    /// Where they are not what was written.
+    pub fn decode(&self) -> Result<BTreeMap<String, WindowShare>, StoreError> {
+        let share = |one: PackedChannel| (one.channel, WindowShare { own: one.series, repeats: one.pairs });
+        let channels = packed::read("what a window gave", &self.channels, &self.block)?;
+        Ok(channels.into_iter().map(share).collect())
+    }
+
+    /// How much room they take, about.
     pub(super) fn bytes(&self) -> usize {
-        self.block.as_ref().map_or(0, Vec::len) + self.repeats.len()
+        self.block.len() + self.channels.len()
     }
 
-    pub(super) fn from_row((channel, block, repeats): (String, Option<Vec<u8>>, String)) -> Self {
-        Self { channel, block, repeats }
+    pub(super) fn from_row((channels, block): (String, Vec<u8>)) -> Self {
+        Self { channels, block }
     }
 }
 
-/// Writes shares of a window in place of those that it had in their channels.
+/// What a window gave; `None` of one whose samples are not laid into the days yet.
+pub(super) async fn of(tx: &mut Session, window: &str) -> Result<Option<PackedShares>, StoreError> {
+    let sql = "SELECT channels, block FROM shares WHERE window_id = $1";
+    let row: Option<(String, Vec<u8>)> = query_as(sql).bind(window).fetch_optional(tx).await?;
+    Ok(row.map(PackedShares::from_row))
+}
+
+/// Writes the shares of a window in place of those that it had.
 pub(super) async fn write(
     tx: &mut Session,
     window: &str,
-    shares: impl Iterator<Item = &PackedShare>,
+    shares: &PackedShares,
+    now: Timestamp,
 ) -> Result<(), StoreError> {
-    for share in shares {
-        let sql = "INSERT INTO window_blocks (window_id, channel, block, repeats) VALUES ($1, $2, $3, $4) ON \
-            CONFLICT (window_id, channel) DO UPDATE SET block = excluded.block, repeats = excluded.repeats";
-        query(sql)
-            .bind(window)
-            .bind(&share.channel)
-            .bind(share.block.as_deref())
-            .bind(&share.repeats)
-            .execute(&mut *tx)
-            .await?;
+    let sql = "UPDATE shares SET channels = $2, block = $3 WHERE window_id = $1";
+    let known = query(sql).bind(window).bind(&shares.channels).bind(&shares.block).execute(&mut *tx).await?;
+    if known > 0 {
+        return Ok(());
     }
-    Ok(())
-}
-
-/// Takes the windows of earlier programs into the days, oldest first, each in a transaction of its own: what
-/// is held of them in memory is one window and its days.
-pub(super) async fn take_in(connection: &mut Session) -> Result<(), StoreError> {
-    let sql = "SELECT w.id, w.system, w.sequence FROM windows w WHERE w.id IN (SELECT window_id FROM \
-        window_blocks WHERE repeats IS NULL) ORDER BY w.sequence";
-    let waiting: Vec<(String, String, i64)> = query_as(sql).fetch_all(&mut *connection).await?;
-    for (window, system, sequence) in waiting {
-        let sql = "SELECT block FROM window_blocks WHERE window_id = $1 AND repeats IS NULL";
-        let blocks: Vec<Vec<u8>> = query_scalar(sql).bind(&window).fetch_all(&mut *connection).await?;
-        let (mut shares, mut changes, mut damaged) = (Vec::new(), Vec::new(), Vec::new());
-        for block in blocks {
-            let series = match Series::decode(&block) {
-                Ok(series) => series,
-                // What was lost of one window keeps no controller from being answered. The block is still in
-                // the backup that was made before.
-                Err(error) => {
-                    tracing::error!(%error, window, system, "a damaged block counts no more");
-                    damaged.push(block);
-                    continue;
-                }
-            };
-            let channel = series.channel();
-            let span = (series.from(), series.to());
-            let days = days::read_in(connection, &system, span, Some(&[channel.to_owned()])).await?;
-            let mut view = days.view(channel)?;
-            let share = lay(&mut view, &series, sequence).map_err(|fault| unfit(channel, &fault))?;
-            changes.extend(DaysChange::touched(channel, &view, &share)?);
-            shares.push(PackedShare::new(channel, &share)?);
-        }
-        query("BEGIN").execute(&mut *connection).await?;
-        for block in damaged {
-            let sql = "DELETE FROM window_blocks WHERE window_id = $1 AND repeats IS NULL AND block = $2";
-            query(sql).bind(&window).bind(&block).execute(&mut *connection).await?;
-        }
-        write(connection, &window, shares.iter()).await?;
-        days::write(connection, &system, &changes, sequence).await?;
-        query("COMMIT").execute(&mut *connection).await?;
-    }
+    let today = now.as_millisecond().div_euclid(DAY);
+    months::keep(tx, "shares", std::iter::once(today)).await?;
+    query("INSERT INTO shares (window_id, day, channels, block) VALUES ($1, $2, $3, $4)")
+        .bind(window)
+        .bind(today)
+        .bind(&shares.channels)
+        .bind(&shares.block)
+        .execute(tx)
+        .await?;
     Ok(())
 }

@@ -18,7 +18,7 @@ pub(super) enum SqlValue<'q> {
     Real(Option<f64>),
     Flag(bool),
     Text(Option<Cow<'q, str>>),
-    Bytes(Option<&'q [u8]>),
+    Bytes(Option<Cow<'q, [u8]>>),
 }
 
 /// A row that either engine gives.
@@ -87,7 +87,7 @@ macro_rules! bound {
                 SqlValue::Real(value) => statement.bind(value),
                 SqlValue::Flag(value) => statement.bind(value),
                 SqlValue::Text(value) => statement.bind(value.map(Cow::into_owned)),
-                SqlValue::Bytes(value) => statement.bind(value.map(<[u8]>::to_vec)),
+                SqlValue::Bytes(value) => statement.bind(value.map(Cow::into_owned)),
             };
         }
         statement
@@ -208,7 +208,8 @@ values! {
     Option<&'q String> => |text| SqlValue::Text(text.map(|text| Cow::Borrowed(text.as_str())));
     &'q Option<String> => |text| SqlValue::Text(text.as_deref().map(Cow::Borrowed));
     Option<String> => |text| SqlValue::Text(text.map(Cow::Owned));
-    &'q [u8] => |bytes| SqlValue::Bytes(Some(bytes));
-    &'q Vec<u8> => |bytes| SqlValue::Bytes(Some(bytes));
-    Option<&'q [u8]> => |bytes| SqlValue::Bytes(bytes);
+    &'q [u8] => |bytes| SqlValue::Bytes(Some(Cow::Borrowed(bytes)));
+    &'q Vec<u8> => |bytes| SqlValue::Bytes(Some(Cow::Borrowed(bytes)));
+    Vec<u8> => |bytes| SqlValue::Bytes(Some(Cow::Owned(bytes)));
+    Option<&'q [u8]> => |bytes| SqlValue::Bytes(bytes.map(Cow::Borrowed));
 }

@@ -195,7 +195,7 @@ pub(super) async fn take_method(
 
 /// Everything that belongs to a system, in an order that the keys allow. Fits of other systems lose what they
 /// cite of it; batches and schedules stay.
-const BELONGINGS: [&str; 23] = [
+const BELONGINGS: [&str; 24] = [
     "DELETE FROM idempotency WHERE resource IN (SELECT id FROM jobs WHERE system = $1 UNION SELECT id FROM \
     windows WHERE system = $1)",
     "DELETE FROM fallbacks WHERE system = $1",
@@ -216,6 +216,7 @@ const BELONGINGS: [&str; 23] = [
     "DELETE FROM samples WHERE system = $1",
     "DELETE FROM days WHERE system = $1",
     "DELETE FROM measured WHERE system = $1",
+    "DELETE FROM shares WHERE window_id IN (SELECT id FROM windows WHERE system = $1)",
     "DELETE FROM windows WHERE system = $1",
     "DELETE FROM forecast_inputs WHERE system = $1",
     "DELETE FROM said_forecasts WHERE system = $1",

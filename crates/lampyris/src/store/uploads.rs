@@ -5,13 +5,14 @@ use super::days::{self, Days};
 use super::engine::Session;
 use super::error::StoreError;
 use super::idempotency::{KeyState, RequestKey, look_up, remember};
+use super::packed::compress;
 use super::sequence::next;
-use super::shares::{self, PackedShare};
+use super::shares::{self, PackedShares};
 use super::statement::{query, query_as, query_scalar};
 use super::value::millis;
-use super::windows::{self, Rebuilt, WindowRecord, WindowRow, shares_of};
+use super::windows::{self, Rebuilt, WindowRecord, WindowRow};
 use jiff::Timestamp;
-use lampyris_core::data::SystemId;
+use lampyris_core::data::{SystemId, WindowReport};
 
 /// What an upload finds.
 #[derive(Debug)]
@@ -23,8 +24,8 @@ pub struct Found {
     /// The window that has its id, or that it went on with.
     pub known: Option<WindowRecord>,
     /// The newest window of the system, if the upload may go on with it, with what it gave.
-    pub newest: Option<(WindowRecord, Vec<PackedShare>)>,
-    /// What counts of its channels, since its first sample or that of the newest window.
+    pub newest: Option<(WindowRecord, PackedShares)>,
+    /// What counts since its first sample or that of the newest window.
     pub days: Days,
 }
 
@@ -38,7 +39,7 @@ pub struct Upload {
     /// Where it belongs.
     pub place: UploadPlace,
     /// What its window gives.
-    pub shares: Vec<PackedShare>,
+    pub shares: PackedShares,
     /// What follows for others.
     pub rebuilt: Rebuilt,
 }
@@ -52,8 +53,8 @@ pub enum UploadPlace {
         from_ms: i64,
         /// The last sample.
         to_ms: i64,
-        /// The report, JSON.
-        report: String,
+        /// The report.
+        report: WindowReport,
     },
     /// It goes on with a window, and is one with it from now on.
     GoesOn {
@@ -61,8 +62,8 @@ pub enum UploadPlace {
         window: WindowRecord,
         /// The last sample of both.
         to_ms: i64,
-        /// The report on both, JSON.
-        report: String,
+        /// The report on both.
+        report: WindowReport,
     },
     /// It is a window that something newer covers: this one becomes the newest again.
     Raised(WindowRecord),
@@ -79,15 +80,15 @@ pub enum Written {
     NoSystem,
 }
 
-/// Looks at what an upload of some channels over a stretch of time finds. `may_go_on` says whether it may
-/// belong to a window that is the newest.
+/// Looks at what an upload over a stretch of time finds. `may_go_on` says whether it may belong to a window
+/// that is the newest.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn find(
     store: &Store,
     system: &SystemId,
-    (id, span, channels): (&str, (i64, i64), &[String]),
+    (id, span): (&str, (i64, i64)),
     key: Option<&RequestKey>,
     may_go_on: impl Fn(&WindowRecord) -> bool,
 ) -> Result<Found, StoreError> {
@@ -96,16 +97,19 @@ pub async fn find(
     let sql = "SELECT * FROM windows WHERE system = $1 ORDER BY sequence DESC LIMIT 1";
     let newest: Option<WindowRow> = query_as(sql).bind(&name).fetch_optional(&mut tx).await?;
     let newest = match newest.map(WindowRow::record).transpose()? {
-        Some(newest) if may_go_on(&newest) => Some((shares_of(&mut tx, &newest.id).await?, newest)),
+        // Where its samples are not laid in, somebody else has posted some this moment.
+        Some(newest) if may_go_on(&newest) => {
+            shares::of(&mut tx, &newest.id).await?.map(|shares| (newest, shares))
+        }
         _ => None,
     };
-    let from = newest.as_ref().map_or(span.0, |(_, newest)| newest.from_ms.min(span.0));
+    let from = newest.as_ref().map_or(span.0, |(newest, _)| newest.from_ms.min(span.0));
     Ok(Found {
         version: days::version_in(&mut tx, &name).await?,
         key: look_up(&mut tx, key).await?,
         known: windows::get_in(&mut tx, id).await?,
-        newest: newest.map(|(shares, newest)| (newest, shares)),
-        days: days::read_in(&mut tx, &name, (from, span.1), Some(channels)).await?,
+        newest,
+        days: days::read_in(&mut tx, &name, (from, span.1), None).await?,
     })
 }
 
@@ -150,6 +154,7 @@ pub async fn write(
     (key, seen): (Option<&RequestKey>, &KeyState),
     now: Timestamp,
 ) -> Result<Written, StoreError> {
+    let report = upload.place.report().map(|report| compress("a report", report)).transpose()?;
     let mut tx = store.write().await?;
     let name = system.to_string();
     // Between the first look at the system and this moment a large body was parsed.
@@ -162,11 +167,11 @@ pub async fn write(
         tx.take_back().await?;
         return Ok(Written::Stale);
     }
-    let shares: usize = upload.shares.iter().map(PackedShare::bytes).sum();
-    store.require_room(&mut tx, shares + upload.rebuilt.bytes() + upload.place.bytes()).await?;
-    let (window, sequence) = place(&mut tx, &name, upload, now).await?;
-    shares::write(&mut tx, &window, upload.shares.iter()).await?;
-    upload.rebuilt.write(&mut tx, &name, sequence).await?;
+    let bytes = upload.shares.bytes() + upload.rebuilt.bytes() + report.as_ref().map_or(0, Vec::len);
+    store.require_room(&mut tx, bytes).await?;
+    let (window, sequence) = place(&mut tx, &name, upload, report.as_deref(), now).await?;
+    shares::write(&mut tx, &window, &upload.shares, now).await?;
+    upload.rebuilt.write(&mut tx, &name, sequence, now).await?;
     if *seen == KeyState::Fresh {
         remember(&mut tx, key, &window, upload.place.status(), now).await?;
     }
@@ -179,10 +184,11 @@ async fn place(
     tx: &mut Session,
     system: &str,
     upload: &Upload,
+    report: Option<&[u8]>,
     now: Timestamp,
 ) -> Result<(String, i64), StoreError> {
     match &upload.place {
-        UploadPlace::New { from_ms, to_ms, report } => {
+        UploadPlace::New { from_ms, to_ms, .. } => {
             let sequence = next(tx, "sequence").await?;
             // What went on with another window, and is a window of its own now.
             query("DELETE FROM window_aliases WHERE id = $1").bind(&upload.id).execute(&mut *tx).await?;
@@ -200,7 +206,7 @@ async fn place(
                 .await?;
             Ok((upload.id.clone(), sequence))
         }
-        UploadPlace::GoesOn { window, to_ms, report } => {
+        UploadPlace::GoesOn { window, to_ms, .. } => {
             let sql = "UPDATE windows SET to_ms = $2, report = $3, uploaded_at = $4, uploads = uploads + 1 \
                 WHERE id = $1";
             query(sql).bind(&window.id).bind(to_ms).bind(report).bind(millis(now)).execute(&mut *tx).await?;
@@ -228,10 +234,11 @@ impl UploadPlace {
         if matches!(self, UploadPlace::Raised(_)) { 200 } else { 201 }
     }
 
-    fn bytes(&self) -> usize {
+    /// What is said about it, where that is new.
+    fn report(&self) -> Option<&WindowReport> {
         match self {
-            UploadPlace::New { report, .. } | UploadPlace::GoesOn { report, .. } => report.len(),
-            UploadPlace::Raised(_) => 0,
+            UploadPlace::New { report, .. } | UploadPlace::GoesOn { report, .. } => Some(report),
+            UploadPlace::Raised(_) => None,
         }
     }
 }

@@ -2,13 +2,14 @@
 
 use super::audit::{Action, AuditEntry, note};
 use super::database::Store;
-use super::days::{self, DaysChange};
+use super::days::{self, Days, NewDay};
 use super::engine::Session;
 use super::error::StoreError;
+use super::packed::decompress;
 use super::row::row;
-use super::shares::{self, PackedShare};
+use super::shares::{self, PackedShares};
 use super::statement::{query, query_as, query_scalar};
-use super::value::{from_json, instant, parse};
+use super::value::{instant, parse};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 
@@ -40,6 +41,8 @@ pub struct Stack {
     pub version: i64,
     /// What each of them gave.
     pub windows: Vec<Stacked>,
+    /// What counts.
+    pub days: Days,
 }
 
 /// A window of a [`Stack`].
@@ -49,17 +52,17 @@ pub struct Stacked {
     pub sequence: i64,
     /// Its id.
     pub id: String,
-    /// What it gave, by channel.
-    pub shares: Vec<PackedShare>,
+    /// What it gave.
+    pub shares: PackedShares,
 }
 
 /// What follows for the others when a window leaves its place.
 #[derive(Debug, Default)]
 pub struct Rebuilt {
     /// New shares of windows, by their ids.
-    pub shares: Vec<(String, PackedShare)>,
+    pub shares: Vec<(String, PackedShares)>,
     /// The days that it touched.
-    pub days: Vec<DaysChange>,
+    pub days: Vec<NewDay>,
 }
 
 /// What became of a window that was to be deleted.
@@ -85,20 +88,9 @@ row! {
         sequence: i64,
         from_ms: i64,
         to_ms: i64,
-        report: String,
+        report: Vec<u8>,
         uploaded_at: i64,
         uploads: i64,
-    }
-}
-
-row! {
-    /// A share, and whose it is.
-    struct ShareRow {
-        sequence: i64,
-        id: String,
-        channel: String,
-        block: Option<Vec<u8>>,
-        repeats: String,
     }
 }
 
@@ -106,7 +98,7 @@ impl WindowRow {
     pub(super) fn record(self) -> Result<WindowRecord, StoreError> {
         Ok(WindowRecord {
             system: parse("a system", &self.system)?,
-            report: from_json("the report of a window", &self.report)?,
+            report: decompress("the report of a window", &self.report)?,
             uploaded_at: instant(self.uploaded_at)?,
             id: self.id,
             sequence: self.sequence,
@@ -149,7 +141,7 @@ pub async fn page(
     rows.into_iter().map(WindowRow::record).collect()
 }
 
-/// The windows of a system that touch a stretch of time, with what they gave in the channels of one of them.
+/// The windows of a system that touch a stretch of whole days, with what they gave and what counts there.
 ///
 /// # Errors
 /// Where the database fails.
@@ -157,27 +149,17 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
     let mut tx = store.reader.begin().await?;
     let system = window.system.to_string();
     let version = days::version_in(&mut tx, &system).await?;
-    let sql = "SELECT w.sequence, w.id, b.channel, b.block, b.repeats FROM windows w JOIN window_blocks b ON \
-        b.window_id = w.id WHERE w.system = $1 AND w.to_ms >= $2 AND w.from_ms <= $3 \
-        AND b.channel IN (SELECT channel FROM window_blocks WHERE window_id = $4) ORDER BY w.sequence";
-    let rows: Vec<ShareRow> =
-        query_as(sql).bind(system).bind(span.0).bind(span.1).bind(&window.id).fetch_all(&mut tx).await?;
-    let mut windows: Vec<Stacked> = Vec::new();
-    for row in rows {
-        let share = PackedShare::from_row((row.channel, row.block, row.repeats));
-        match windows.last_mut() {
-            Some(last) if last.sequence == row.sequence => last.shares.push(share),
-            _ => windows.push(Stacked { sequence: row.sequence, id: row.id, shares: vec![share] }),
-        }
-    }
-    Ok(Stack { version, windows })
-}
-
-/// What a window gave, by channel.
-pub(super) async fn shares_of(tx: &mut Session, window: &str) -> Result<Vec<PackedShare>, StoreError> {
-    let sql = "SELECT channel, block, repeats FROM window_blocks WHERE window_id = $1 ORDER BY channel";
-    let rows: Vec<(String, Option<Vec<u8>>, String)> = query_as(sql).bind(window).fetch_all(tx).await?;
-    Ok(rows.into_iter().map(PackedShare::from_row).collect())
+    let sql = "SELECT w.sequence, w.id, s.channels, s.block FROM windows w JOIN shares s ON s.window_id = w.id \
+        WHERE w.system = $1 AND w.to_ms >= $2 AND w.from_ms <= $3 ORDER BY w.sequence";
+    let rows: Vec<(i64, String, String, Vec<u8>)> =
+        query_as(sql).bind(&system).bind(span.0).bind(span.1).fetch_all(&mut tx).await?;
+    let stacked = |(sequence, id, channels, block)| Stacked {
+        sequence,
+        id,
+        shares: PackedShares::from_row((channels, block)),
+    };
+    let days = days::laid_in(&mut tx, &system, span).await?;
+    Ok(Stack { version, windows: rows.into_iter().map(stacked).collect(), days })
 }
 
 /// What keeps a window from being deleted, if anything does: fits that cite it, or running jobs that may be
@@ -232,8 +214,9 @@ pub async fn delete(
         return Ok(WindowDeletion::Stale);
     }
     query("DELETE FROM fit_windows WHERE window_id = $1").bind(id).execute(&mut *tx).await?;
+    query("DELETE FROM shares WHERE window_id = $1").bind(id).execute(&mut *tx).await?;
     query("DELETE FROM windows WHERE id = $1").bind(id).execute(&mut *tx).await?;
-    rebuilt.write(&mut tx, &system, window.sequence).await?;
+    rebuilt.write(&mut tx, &system, window.sequence, now).await?;
     let deed = AuditEntry { who, action: Action::DeleteWindow, system: Some(&system), subject: id, reason };
     note(&mut tx, &deed, now).await?;
     tx.commit().await?;
@@ -247,17 +230,18 @@ impl Rebuilt {
         tx: &mut Session,
         system: &str,
         arriving: i64,
+        now: Timestamp,
     ) -> Result<(), StoreError> {
-        for (window, share) in &self.shares {
-            shares::write(tx, window, std::iter::once(share)).await?;
+        for (window, shares) in &self.shares {
+            shares::write(tx, window, shares, now).await?;
         }
         days::write(tx, system, &self.days, arriving).await
     }
 
     /// How much room it takes, about.
     pub(super) fn bytes(&self) -> usize {
-        let shares: usize = self.shares.iter().map(|(_, share)| share.bytes()).sum();
-        shares + self.days.iter().map(DaysChange::bytes).sum::<usize>()
+        let shares: usize = self.shares.iter().map(|(_, shares)| shares.bytes()).sum();
+        shares + self.days.iter().map(NewDay::bytes).sum::<usize>()
     }
 }
 
@@ -304,7 +288,8 @@ pub(super) async fn unit_in(
     system: &str,
     channel: &str,
 ) -> Result<Option<String>, StoreError> {
-    let sql = "SELECT COALESCE((SELECT unit FROM days WHERE system = $1 AND channel = $2 LIMIT 1), (SELECT \
+    let sql = "SELECT COALESCE((SELECT json_extract(c.value, '$[1]') FROM days d, json_each(d.channels) c WHERE \
+        d.system = $1 AND json_extract(c.value, '$[0]') = $2 ORDER BY d.day DESC LIMIT 1), (SELECT \
         json_extract(r.value, '$[1]') FROM samples s, json_each(s.rows) r WHERE s.system = $1 AND \
         json_extract(r.value, '$[0]') = $2 LIMIT 1))";
     Ok(query_scalar(sql).bind(system).bind(channel).fetch_one(connection).await?)

@@ -1,7 +1,7 @@
 //! What is old goes, and what anybody may still ask for stays.
 
-use crate::support::TestApp;
 use crate::support::rooms::{csv_of, room, stuck_csv};
+use crate::support::{TestApp, cluster};
 use jiff::SignedDuration;
 use lampyris::service::queue::retention::{self, Forgotten};
 use serde_json::{Value, json};
@@ -171,10 +171,76 @@ fn batches_go_with_their_jobs_and_the_newest_one_of_a_schedule_stays() {
     let outcomes: Vec<&str> =
         batches.iter().map(|batch| batch["jobs"][0]["outcome"].as_str().unwrap()).collect();
     assert_eq!(outcomes, ["accepted", "rejected", "rejected"], "{batches:?}");
-    assert_eq!(later(&app, 31), Forgotten { jobs: 1, batches: 1, windows: 0 });
+    assert_eq!(later(&app, 31), Forgotten { jobs: 1, batches: 1, ..Forgotten::default() });
     let statuses: Vec<u16> = batches
         .iter()
         .map(|batch| app.get(&format!("/batches/{}", batch["id"].as_str().unwrap())).status)
         .collect();
     assert_eq!(statuses, [200, 404, 200]);
+}
+
+#[test]
+fn samples_go_by_whole_months_whatever_has_read_them() {
+    let app = TestApp::at("2026-04-20T00:00:00Z", |settings| settings.retention.samples_days = 60);
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
+    // January to March, in pieces.
+    let all = room(1, 90);
+    let parts = [(0, 20), (20, 45), (45, 90)];
+    let windows = parts.map(|(from, to)| {
+        let sent = app.csv("/systems/room/1/windows", &csv_of(&all[from * 48..to * 48])).expect(201).json();
+        sent["id"].as_str().unwrap().to_owned()
+    });
+    let window = json!({"from": "2026-01-15T00:00:00Z", "to": "2026-01-28T23:30:00Z"});
+    let fit = app.ended(&app.estimate("room/1", json!({"window": window})));
+    assert_eq!(fit["outcome"], "accepted");
+    let fit = format!("/fits/{}", fit["fit"].as_str().unwrap());
+    let (served, found) = (app.get("/params/room/1").text, app.get(&fit).json());
+    let from =
+        |app: &TestApp| app.get("/systems/room/1/series?max_points=10").expect(200).json()["from"].clone();
+    assert_eq!(from(&app), "2026-01-01T00:00:00Z");
+
+    // On 30 April, sixty days ago is 1 March: January and February lie before.
+    assert_eq!(later(&app, 10), Forgotten { windows: 2, samples: first(2, 59), ..Forgotten::default() });
+    assert_eq!(from(&app), "2026-03-01T00:00:00Z");
+    let there = windows.map(|id| app.get(&format!("/windows/{id}")).status);
+    assert_eq!(there, [404, 404, 200]);
+    assert_eq!(later(&app, 0), Forgotten::default(), "nothing is left to forget");
+    // What was found, and what is served, is what it was.
+    assert_eq!(app.get("/params/room/1").text, served);
+    let after = app.get(&fit).expect(200).json();
+    assert_eq!((&after["parameters"], &after["verdict"]), (&found["parameters"], &found["verdict"]));
+    app.get(&format!("{fit}/comparison")).expect(422);
+    // What comes again is taken again, and lasts until the next night.
+    app.csv("/systems/room/1/windows", &csv_of(&all[..48])).expect(201);
+    assert_eq!(from(&app), "2026-01-01T00:00:00Z");
+    assert_eq!(later(&app, 1).windows, 1);
+    assert_eq!(from(&app), "2026-03-01T00:00:00Z");
+}
+
+/// On a server samples go by months, in a file by days of systems.
+fn first(months: u64, days: u64) -> u64 {
+    if cluster::is_on() { months } else { days }
+}
+
+#[test]
+fn fits_that_were_never_served_are_shortened_to_what_decides() {
+    let app = TestApp::at("2026-12-01T00:00:00Z", |settings| settings.retention.traces_days = 30);
+    app.room("1", 1);
+    let ended =
+        |request: Value| app.ended(&app.estimate("room/1", request))["fit"].as_str().unwrap().to_owned();
+    let served = ended(json!({}));
+    app.csv("/systems/room/1/windows", &stuck_csv()).expect(201);
+    let refused = ended(json!({}));
+    let fits = || [&served, &refused].map(|id| app.get(&format!("/fits/{id}")).expect(200).json());
+    let before = fits();
+    assert_eq!(before.each_ref().map(|fit| fit["verdict"].clone()), ["accepted", "rejected"]);
+    assert_eq!(later(&app, 29).traces, 0);
+    assert_eq!(later(&app, 2), Forgotten { traces: 1, ..Forgotten::default() });
+    assert_eq!(later(&app, 2).traces, 0);
+    let after = fits();
+    assert_eq!(after[0], before[0]);
+    assert_eq!((&after[1]["trace"], &after[1]["covariance"]), (&json!([]), &Value::Null));
+    for (what, value) in before[1].as_object().unwrap() {
+        assert!(["trace", "covariance"].contains(&what.as_str()) || after[1][what] == *value, "{what}");
+    }
 }

@@ -1,10 +1,8 @@
 //! Uploaded windows: what a fit cites, and what can be deleted.
 
-use crate::support::cluster;
 use crate::support::rooms::{room, room_csv};
 use crate::support::{TestApp, endless};
 use serde_json::{Value, json};
-use sqlx::{Connection, SqliteConnection};
 
 fn id(document: &Value) -> String {
     document["id"].as_str().unwrap().to_owned()
@@ -90,50 +88,6 @@ fn a_running_job_keeps_its_windows_and_those_of_its_neighbours() {
     app.ended(&job);
     delete(&app, &window("2")).expect(204);
     delete(&app, &window("1")).expect(204);
-}
-
-#[test]
-fn fits_of_an_earlier_schema_cite_all_that_they_may_have_seen() {
-    if cluster::is_on() {
-        return;
-    }
-    let mut app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
-    app.room("1", 1);
-    app.room("2", 2);
-    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "neighbours": ["room/2"]})).expect(200);
-    let later = "time,T_room,T_out\n2026-03-01T00:00:00Z,20,1\n2026-03-01T00:30:00Z,20,1\n";
-    let later = id(&app.csv("/systems/room/1/windows", later).expect(201).json());
-    let before = fit(&app, "room/1", json!({"window": {"to": "2026-01-15T00:00:00Z"}}));
-    let own = id(&app.get("/systems/room/1/windows").json()["items"][1]);
-    let neighbour = id(&app.get("/systems/room/2/windows").json()["items"][0]);
-    assert_eq!(before["windows"], json!([own, neighbour]), "both are in the stitched input");
-    app.stop();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(async {
-        let mut db =
-            SqliteConnection::connect(&format!("sqlite://{}", app.database().display())).await.unwrap();
-        // What the upgrade to milliseconds did is undone as well, because it comes behind.
-        let seconds = ["windows", "days", "evidence"].map(|table| {
-            format!(
-                "ALTER TABLE {table} RENAME COLUMN from_ms TO from_s; ALTER TABLE {table} RENAME COLUMN to_ms \
-                TO to_s; UPDATE {table} SET from_s = from_s / 1000, to_s = to_s / 1000"
-            )
-        });
-        let undone = "DROP TABLE fit_windows; DROP TABLE workers; DROP VIEW clock; \
-            DROP INDEX jobs_cancelling; ALTER TABLE window_blocks RENAME COLUMN window_id TO window; \
-            ALTER TABLE samples RENAME COLUMN window_id TO window; \
-            DELETE FROM _sqlx_migrations WHERE version IN (3, 24, 27)";
-        for sql in seconds.iter().map(String::as_str).chain([undone]) {
-            sqlx::raw_sql(sqlx::AssertSqlSafe(sql)).execute(&mut db).await.unwrap();
-        }
-        db.close().await.unwrap();
-    });
-    app.restart();
-    let after = app.get(&format!("/fits/{}", id(&before))).expect(200).json();
-    assert_eq!(after, before);
-    delete(&app, &format!("/windows/{own}")).problem(409, "window-cited");
-    delete(&app, &format!("/windows/{neighbour}")).problem(409, "window-cited");
-    delete(&app, &format!("/windows/{later}")).expect(204);
 }
 
 #[test]

@@ -376,7 +376,7 @@ fn the_doctor_tells_a_sound_database_from_others() {
     assert!(
         status(&about(&database, &["doctor", "--json"]).expect(1).json(), "database")
             .1
-            .contains("rows of windows")
+            .contains("refer to rows that are not there")
     );
     rows(&database, "DELETE FROM days; DELETE FROM measured; DELETE FROM windows");
     about(&database, &["doctor"]).expect(0);

@@ -164,9 +164,8 @@ fn a_killed_service_with_many_windows_starts_again() {
         SELECT 'win_' || n, system, n, from_ms, to_ms, report, uploaded_at FROM windows, \
         (WITH RECURSIVE counted (n) AS (SELECT 1000 UNION ALL SELECT n + 1 FROM counted \
         WHERE n < (SELECT value FROM counters WHERE name = 'sequence')) SELECT n FROM counted)";
-    let blocks = "INSERT INTO window_blocks (window_id, channel, block, repeats) \
-        SELECT id, channel, randomblob(5000), '[]' FROM windows, (SELECT 'T_room' AS channel UNION SELECT \
-        'T_out') WHERE sequence >= 1000";
+    let blocks = "INSERT INTO shares (window_id, day, channels, block) \
+        SELECT id, 0, '[]', randomblob(10000) FROM windows WHERE sequence >= 1000";
     let (count, sequence) = match full() {
         true => (100_000, "UPDATE counters SET value = 100999 WHERE name = 'sequence'"),
         false => (3_000, "UPDATE counters SET value = 3999 WHERE name = 'sequence'"),

@@ -4,6 +4,7 @@
 use crate::database::{check_database, rows};
 use crate::support::rooms::{room_csv, stuck_csv};
 use crate::support::{Answer, TestApp, endless, full, seeded};
+use crate::upgrades::golden;
 use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::{ColumnBindings, SystemId, Window};
 use serde_json::{Value, json};
@@ -310,34 +311,41 @@ fn overlapping() -> Vec<String> {
 
 #[test]
 fn windows_of_an_earlier_program_are_taken_in_as_they_are() {
-    let mut app = TestApp::at("2026-12-01T00:00:00Z", |_| {});
-    room(&app);
-    let mut windows = Vec::new();
-    for text in overlapping() {
-        let id = id(&upload(&app, &text).expect(201).json());
-        windows.push((id, Window::parse_csv(&text, &ColumnBindings::none()).unwrap().0));
-    }
-    app.stop();
-    // Before, every block held all that its window had, and there were no days.
-    app.block_on(async {
-        let path = format!("sqlite://{}", app.database().display());
-        let mut db = SqliteConnection::connect(&path).await.unwrap();
-        for sql in ["DELETE FROM days", "DELETE FROM measured", "DELETE FROM window_blocks"] {
+    let dir = tempfile::tempdir().unwrap();
+    let (database, _) = golden(dir.path(), 27);
+    let read = |text: &String| Window::parse_csv(text, &ColumnBindings::none()).unwrap().0;
+    let named = |(place, text): (usize, &String)| (format!("win_of_before_{place}"), read(text));
+    let mut windows: Vec<(String, Window)> = overlapping().iter().enumerate().map(named).collect();
+    // At first, every block held all that its window had, and there were no days.
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(async {
+        let mut db = SqliteConnection::connect(&format!("sqlite://{}", database.display())).await.unwrap();
+        for sql in [
+            "DELETE FROM days WHERE system = 'room/2'",
+            "DELETE FROM windows WHERE system = 'room/2'",
+            "UPDATE counters SET value = 2000 WHERE name = 'sequence'",
+        ] {
             sqlx::query(sql).execute(&mut db).await.unwrap();
         }
-        for (id, series) in windows.iter().flat_map(|(id, window)| window.iter().map(move |one| (id, one))) {
-            let sql = "INSERT INTO window_blocks (window_id, channel, block) VALUES ($1, $2, $3)";
-            let query = sqlx::query(sql).bind(id).bind(series.channel()).bind(series.encode());
-            query.execute(&mut db).await.unwrap();
+        for (place, (id, window)) in windows.iter().enumerate() {
+            let sql = "INSERT INTO windows (id, system, sequence, from_ms, to_ms, report, uploaded_at) SELECT $1, \
+                'room/2', $2, $3, $4, report, uploaded_at FROM windows WHERE system = 'room/1'";
+            let query = sqlx::query(sql).bind(id).bind(1000 + place as i64).bind(window.from());
+            query.bind(window.to()).execute(&mut db).await.unwrap();
+            for series in window.iter() {
+                let sql = "INSERT INTO window_blocks (window_id, channel, block) VALUES ($1, $2, $3)";
+                let query = sqlx::query(sql).bind(id).bind(series.channel()).bind(series.encode());
+                query.execute(&mut db).await.unwrap();
+            }
         }
         // A damaged block costs what is in it, and not the start.
         let sql = "INSERT INTO window_blocks (window_id, channel, block) VALUES ($1, 'lost', X'00')";
         sqlx::query(sql).bind(&windows[0].0).execute(&mut db).await.unwrap();
         db.close().await.unwrap();
     });
-    app.restart();
-    assert_eq!(count(&app, "SELECT CAST(COUNT(*) AS TEXT) FROM window_blocks WHERE channel = 'lost'"), 0);
-    let system: SystemId = "room/1".parse().unwrap();
+    let app = TestApp::at("2026-11-26T13:00:00Z", |settings| settings.database = database.into());
+    let channels = app.get("/systems/room/2/series").expect(200).json()["channels"].clone();
+    assert_eq!(channels.get("lost"), None, "{channels}");
+    let system: SystemId = "room/2".parse().unwrap();
     let is_stitched = |app: &TestApp, windows: &[(String, Window)]| {
         let all: Vec<Window> = windows.iter().map(|(_, window)| window.clone()).collect();
         let stitched = Window::stitch(&all).unwrap();

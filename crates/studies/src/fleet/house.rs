@@ -16,13 +16,14 @@ pub const MODEL: &str = "rc1";
 /// The columns of a synthetic room that the model reads, behind the time.
 pub const READ: [&str; 2] = ["T_room", "T_out"];
 /// The tables that hold something of a room that was measured, with what makes a copy its own.
-const TABLES: [(&str, &[(&str, &str)]); 4] = [
+const TABLES: [(&str, &[(&str, &str)]); 5] = [
     ("systems", &[("system", "copy.system")]),
     (
         "windows",
         &[("system", "copy.system"), ("id", "'win_' || copy.number"), ("sequence", "1000 + copy.number")],
     ),
     ("days", &[("system", "copy.system")]),
+    ("shares", &[("window_id", "'win_' || copy.number")]),
     ("measured", &[("system", "copy.system")]),
 ];
 /// A service on the file in a folder.
@@ -72,8 +73,12 @@ pub fn multiply(database: &Path, rooms: usize) -> Result<(), Failure> {
                 None => format!("one.{name}"),
             };
             let values: Vec<String> = names.iter().map(value).collect();
+            let whose = match names.iter().any(|name| name == "system") {
+                true => "one.system = 'room/0'",
+                false => "one.window_id IN (SELECT id FROM windows WHERE system = 'room/0')",
+            };
             let sql = format!(
-                "INSERT INTO {table} ({}) SELECT {} FROM copy, {table} one WHERE one.system = 'room/0'",
+                "INSERT INTO {table} ({}) SELECT {} FROM copy, {table} one WHERE {whose}",
                 names.join(", "),
                 values.join(", ")
             );

@@ -2,9 +2,9 @@
 //! thread.
 
 use crate::service::error::ServiceError;
-use crate::store::days::{ARRIVING, DaysChange, whole_days};
+use crate::store::days::{ARRIVING, DaysChange, NewDay, whole_days};
 use crate::store::samples::{LaidIn, Open};
-use crate::store::shares::PackedShare;
+use crate::store::shares::PackedShares;
 use crate::store::uploads::{Found, Upload, UploadPlace};
 use crate::store::windows::{Rebuilt, Stack, WindowRecord};
 use jiff::Timestamp;
@@ -27,9 +27,9 @@ pub struct Arriving {
 #[derive(Debug)]
 pub struct Laid {
     /// What it gives.
-    pub shares: Vec<PackedShare>,
+    pub shares: PackedShares,
     /// The days in which it does.
-    pub days: Vec<DaysChange>,
+    pub days: Vec<NewDay>,
     /// Where it belongs, by its content alone.
     pub place: UploadPlace,
     /// Whether it gives nothing: all that it has counts already.
@@ -59,25 +59,25 @@ pub fn may_go_on(newest: &WindowRecord, (from, _): (i64, i64), now: Timestamp) -
 /// Where something that was found is not what was written.
 pub fn lay(arriving: &Arriving, found: &Found) -> Result<Laid, ServiceError> {
     let (window, from) = (&arriving.window, arriving.window.from());
-    let mut shares = Vec::new();
-    let mut days = Vec::new();
+    let mut shares = BTreeMap::new();
+    let mut days = DaysChange::default();
     // Both windows as one, as long as the upload goes on with the newest.
-    let mut both = found
-        .newest
-        .as_ref()
-        .filter(|(_, newest)| newest.iter().all(|share| window.series(&share.channel).is_some()));
-    let (mut whole, mut joined, mut overlaps) = (Vec::new(), Vec::new(), false);
+    let newest =
+        found.newest.as_ref().map(|(newest, shares)| Ok::<_, ServiceError>((newest, shares.decode()?)));
+    let mut both = newest
+        .transpose()?
+        .filter(|(_, newest)| newest.keys().all(|channel| window.series(channel).is_some()));
+    let (mut whole, mut joined, mut overlaps) = (Vec::new(), BTreeMap::new(), false);
     for series in window.iter() {
         let channel = series.channel();
         let mut view = found.days.view(channel)?;
         let share = view.share(series).map_err(fault)?;
-        if let Some((_, newest)) = both {
-            let newest = newest.iter().find(|share| share.channel == channel);
-            let newest = newest.map(PackedShare::decode).transpose()?.unwrap_or_default();
+        if let Some((_, newest)) = &both {
+            let newest = newest.get(channel).cloned().unwrap_or_default();
             if goes_on(&view, &newest, &share, from).map_err(fault)? {
                 overlaps |= !share.repeats.is_empty();
                 whole.extend(view.content(&newest).map_err(fault)?);
-                joined.push((channel, newest.and(&share).map_err(fault)?));
+                joined.insert(channel.to_owned(), newest.and(&share).map_err(fault)?);
             } else {
                 both = None;
             }
@@ -85,22 +85,20 @@ pub fn lay(arriving: &Arriving, found: &Found) -> Result<Laid, ServiceError> {
         if let Some(own) = &share.own {
             view.put(own, ARRIVING);
         }
-        days.extend(DaysChange::touched(channel, &view, &share)?);
-        shares.push((channel, share));
+        days.touch(channel, &view, &share)?;
+        shares.insert(channel.to_owned(), share);
     }
-    let is_silent = shares.iter().all(|(_, share)| share.own.is_none());
+    let is_silent = shares.values().all(|share| share.own.is_none());
     let (shares, place) = match both.filter(|_| overlaps) {
         Some((newest, _)) => (joined, go_on(newest, arriving, whole)?),
-        None => (shares, new(arriving)?),
+        None => (shares, new(arriving)),
     };
-    let pack = |(channel, share): &(&str, WindowShare)| PackedShare::new(channel, share);
-    let shares = shares.iter().map(pack).collect::<Result<_, _>>()?;
-    Ok(Laid { shares, days, place, is_silent })
+    Ok(Laid { shares: PackedShares::new(shares)?, days: days.over(&found.days)?, place, is_silent })
 }
 
-fn new(arriving: &Arriving) -> Result<UploadPlace, ServiceError> {
-    let report = text(&arriving.report)?;
-    Ok(UploadPlace::New { from_ms: arriving.window.from(), to_ms: arriving.window.to(), report })
+fn new(arriving: &Arriving) -> UploadPlace {
+    let report = arriving.report.clone();
+    UploadPlace::New { from_ms: arriving.window.from(), to_ms: arriving.window.to(), report }
 }
 
 /// The newest window and an upload that goes on with it as one; `whole` is all that the window had.
@@ -120,7 +118,7 @@ fn go_on(
         .map_err(|error| ServiceError::Internal(error.to_string()))?;
     let times = arriving.window.iter().flat_map(Series::times).filter(|time| **time > newest.to_ms);
     let later: BTreeSet<&i64> = times.collect();
-    let report = text(&earlier.going_on(arriving.report.clone(), &both, later.len()))?;
+    let report = earlier.going_on(arriving.report.clone(), &both, later.len());
     Ok(UploadPlace::GoesOn { window: newest.clone(), to_ms: both.to(), report })
 }
 
@@ -133,10 +131,8 @@ pub fn lay_open(open: &Open) -> Result<LaidIn, ServiceError> {
     for series in &open.rows {
         arriving.entry(series.channel()).or_default().push(series);
     }
-    let (mut shares, mut days, mut whole) = (Vec::new(), Vec::new(), Vec::new());
-    for share in open.shares.iter().filter(|share| !arriving.contains_key(share.channel.as_str())) {
-        whole.extend(share.decode()?.own);
-    }
+    let mut shares = open.shares.as_ref().map(PackedShares::decode).transpose()?.unwrap_or_default();
+    let mut days = DaysChange::default();
     for (channel, rows) in arriving {
         let mut view = open.days.view(channel)?;
         for series in &rows {
@@ -144,15 +140,13 @@ pub fn lay_open(open: &Open) -> Result<LaidIn, ServiceError> {
         }
         let newer = merged(&rows.iter().map(|series| Some((*series).clone())).collect::<Vec<_>>());
         let newer = WindowShare { own: newer.map_err(fault)?, repeats: Vec::new() };
-        days.extend(DaysChange::touched(channel, &view, &newer)?);
-        let earlier = open.shares.iter().find(|share| share.channel == channel);
-        let earlier = earlier.map(PackedShare::decode).transpose()?.unwrap_or_default();
-        let both = earlier.and(&newer).map_err(fault)?;
-        whole.extend(both.own.clone());
-        shares.push(PackedShare::new(channel, &both)?);
+        days.touch(channel, &view, &newer)?;
+        let earlier = shares.remove(channel).unwrap_or_default();
+        shares.insert(channel.to_owned(), earlier.and(&newer).map_err(fault)?);
     }
-    let whole = Window::from_series(whole).map_err(ServiceError::Faults)?;
-    Ok(LaidIn { shares, report: text(&WindowReport::of(&whole))?, days })
+    let whole = shares.values().filter_map(|share| share.own.clone()).collect();
+    let report = WindowReport::of(&Window::from_series(whole).map_err(ServiceError::Faults)?);
+    Ok(LaidIn { shares: PackedShares::new(shares)?, report, days: days.over(&open.days)? })
 }
 
 /// Takes a window out of its place among those that lie over each other, and lays it on top of them again
@@ -164,46 +158,43 @@ pub fn take_out(
     stack: &Stack,
     window: &WindowRecord,
     to_the_top: bool,
-) -> Result<(Vec<PackedShare>, Rebuilt), ServiceError> {
+) -> Result<(PackedShares, Rebuilt), ServiceError> {
     let span = whole_days((window.from_ms, window.to_ms));
     let to = to_the_top.then_some(ARRIVING);
-    let (mut own, mut rebuilt) = (Vec::new(), Rebuilt::default());
-    let channels = stack.windows.iter().filter(|one| one.sequence == window.sequence);
-    for channel in channels.flat_map(|one| &one.shares).map(|share| &share.channel) {
-        let mut shares = Vec::new();
-        for one in &stack.windows {
-            if let Some(share) = one.shares.iter().find(|share| share.channel == *channel) {
-                shares.push((one.sequence, share.decode()?));
+    let (mut own, mut days) = (BTreeMap::new(), DaysChange::default());
+    let decoded = stack.windows.iter().map(|one| Ok((one.sequence, (one.id.clone(), one.shares.decode()?))));
+    let mut all: BTreeMap<i64, (String, BTreeMap<String, WindowShare>)> =
+        decoded.collect::<Result<_, ServiceError>>()?;
+    let channels: Vec<String> =
+        all.get(&window.sequence).into_iter().flat_map(|(_, shares)| shares.keys().cloned()).collect();
+    let mut changed = BTreeSet::new();
+    for channel in channels {
+        let part = |(number, (_, shares)): (&i64, &(String, BTreeMap<String, WindowShare>))| {
+            Some((*number, shares.get(&channel)?.within(span.0, span.1)))
+        };
+        let parts: Vec<(i64, WindowShare)> = all.iter().filter_map(part).collect();
+        let replayed = replay(&channel, &parts, window.sequence, to).map_err(fault)?;
+        days.cover(&channel, &replayed.view, span)?;
+        for (number, part) in replayed.shares {
+            if number == ARRIVING {
+                own.insert(channel.clone(), part);
+            } else if let Some(share) = all.get_mut(&number).and_then(|(_, shares)| shares.get_mut(&channel))
+            {
+                let whole = share.with_part(span, &part).map_err(fault)?;
+                if whole != *share {
+                    *share = whole;
+                    changed.insert(number);
+                }
             }
         }
-        let parts: Vec<(i64, WindowShare)> =
-            shares.iter().map(|(number, share)| (*number, share.within(span.0, span.1))).collect();
-        let replayed = replay(channel, &parts, window.sequence, to).map_err(fault)?;
-        for (number, part) in &replayed.shares {
-            if *number == ARRIVING {
-                own.push(PackedShare::new(channel, part)?);
-                continue;
-            }
-            let Some((_, share)) = shares.iter().find(|(known, _)| known == number) else { continue };
-            let changed = share.with_part(span, part).map_err(fault)?;
-            let Some(one) = stack.windows.iter().find(|one| one.sequence == *number) else { continue };
-            if changed != *share {
-                rebuilt.shares.push((one.id.clone(), PackedShare::new(channel, &changed)?));
-            }
-        }
-        rebuilt.days.push(DaysChange::between(channel, &replayed.view, span)?);
     }
-    Ok((own, rebuilt))
+    let rebuilt = all.into_iter().filter(|(number, _)| changed.contains(number));
+    let shares = rebuilt.map(|(_, (id, shares))| Ok((id, PackedShares::new(shares)?)));
+    let rebuilt =
+        Rebuilt { shares: shares.collect::<Result<_, ServiceError>>()?, days: days.over(&stack.days)? };
+    Ok((PackedShares::new(own)?, rebuilt))
 }
 
 fn fault(fault: Fault) -> ServiceError {
     ServiceError::Faults(vec![fault])
-}
-
-/// A report as it is kept.
-///
-/// # Errors
-/// Where it cannot be written.
-pub fn text(report: &WindowReport) -> Result<String, ServiceError> {
-    serde_json::to_string(report).map_err(|error| ServiceError::Internal(error.to_string()))
 }

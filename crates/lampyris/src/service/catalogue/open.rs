@@ -64,7 +64,7 @@ pub(super) async fn lay_in(service: &Service, system: &SystemId) -> Result<(), S
             Ok::<(Open, LaidIn), ServiceError>((open, laid))
         })
         .await??;
-        store::samples::lay_in(&service.store, &open, &laid).await?;
+        store::samples::lay_in(&service.store, &open, &laid, service.now()).await?;
     }
     Err(ServiceError::Busy)
 }

@@ -1,7 +1,6 @@
 //! Takes live samples in: one row or many, of one system or many, kept as they come and laid into the days
 //! later.
 
-use super::lay;
 use super::systems;
 use super::windows::{self, Format};
 use crate::service::error::ServiceError;
@@ -123,10 +122,10 @@ pub async fn take_many(
 ) -> Result<Vec<(SystemId, Result<TakenSamples, ServiceError>)>, ServiceError> {
     let (mut posts, mut outcomes) = (Vec::new(), Vec::with_capacity(all.len()));
     for (system, read) in all {
-        let taken = read.and_then(|(window, report)| {
+        let taken = read.map(|(window, report)| {
             let from = window.from();
-            posts.push(post(&system, window, &report)?);
-            Ok((report, from))
+            posts.push(Post { system: system.clone(), window, report: report.clone() });
+            (report, from)
         });
         outcomes.push((system, taken));
     }
@@ -178,10 +177,6 @@ fn require_past(window: &Window, now: Timestamp) -> Result<(), ServiceError> {
         Some(fault) => Err(ServiceError::Faults(vec![fault])),
         None => Ok(()),
     }
-}
-
-fn post(system: &SystemId, window: Window, report: &WindowReport) -> Result<Post, ServiceError> {
-    Ok(Post { system: system.clone(), window, report: lay::text(report)? })
 }
 
 fn kept(system: &SystemId, appended: Appended) -> Result<String, ServiceError> {

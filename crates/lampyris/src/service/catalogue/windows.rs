@@ -9,7 +9,7 @@ use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store::days;
 use crate::store::idempotency::{KeyState, RequestKey};
-use crate::store::shares::PackedShare;
+use crate::store::shares::PackedShares;
 use crate::store::uploads::{self, Upload, UploadPlace, Written};
 use crate::store::windows::{self, Rebuilt, WindowDeletion, WindowRecord};
 use jiff::Timestamp;
@@ -121,10 +121,8 @@ async fn place(
     let now = service.now();
     open::lay_in(service, system).await?;
     let span = (arriving.window.from(), arriving.window.to());
-    let channels: Vec<String> = arriving.window.channels().map(str::to_owned).collect();
     let may_go_on = |newest: &WindowRecord| lay::may_go_on(newest, span, now);
-    let found =
-        uploads::find(&service.store, system, (&arriving.id, span, &channels), key, may_go_on).await?;
+    let found = uploads::find(&service.store, system, (&arriving.id, span), key, may_go_on).await?;
     if found.key == KeyState::Reused {
         return Err(ServiceError::KeyReused);
     }
@@ -172,7 +170,7 @@ async fn taken_out(
     service: &Service,
     window: &WindowRecord,
     to_the_top: bool,
-) -> Result<(i64, Vec<PackedShare>, Rebuilt), ServiceError> {
+) -> Result<(i64, PackedShares, Rebuilt), ServiceError> {
     let stack =
         windows::stack(&service.store, window, days::whole_days((window.from_ms, window.to_ms))).await?;
     let window = window.clone();

@@ -20,6 +20,10 @@ pub struct Forgotten {
     pub batches: u64,
     /// Windows.
     pub windows: u64,
+    /// Months of samples, or days of systems where they are not kept by month.
+    pub samples: u64,
+    /// Fits that were shortened to what decides.
+    pub traces: u64,
 }
 
 /// Forgets what is older than the settings say and what nothing names that is kept.
@@ -48,6 +52,14 @@ pub async fn forget(service: &Service, now: Timestamp) -> Result<Forgotten, Serv
     if let Some(before) = before(kept.windows_days) {
         forgotten.windows = forget_windows(service, before, kept.windows_days).await?;
     }
+    if let Some(before) = before(kept.samples_days) {
+        let gone = store::expiry::forget(&service.store, before).await?;
+        forgotten.windows += gone.windows;
+        forgotten.samples = gone.parts;
+    }
+    if let Some(before) = before(kept.traces_days) {
+        forgotten.traces = store::retention::shorten_fits(&service.store, before).await?;
+    }
     let before = now.saturating_sub(ALIASES_KEPT).unwrap_or(Timestamp::MIN);
     store::uploads::forget_aliases(&service.store, before).await?;
     store::said::forget_old(&service.store, now).await?;
@@ -58,6 +70,8 @@ pub async fn forget(service: &Service, now: Timestamp) -> Result<Forgotten, Serv
             jobs = forgotten.jobs,
             batches = forgotten.batches,
             windows = forgotten.windows,
+            samples = forgotten.samples,
+            traces = forgotten.traces,
             "forgot what was old"
         );
     }

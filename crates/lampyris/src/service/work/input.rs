@@ -209,8 +209,8 @@ impl Measurements {
                 windows.push(Window::from_series(renamed).map_err(ServiceError::Faults)?);
             }
         }
-        let own =
-            self.own.days.channels().into_iter().filter_map(|name| self.own.days.series(name).transpose());
+        let own = self.own.days.channels()?;
+        let own = own.into_iter().filter_map(|name| self.own.days.series(name).transpose());
         let own: Vec<Series> = own.collect::<Result<_, _>>()?;
         if !own.is_empty() {
             windows.push(Window::from_series(own).map_err(ServiceError::Faults)?);
