@@ -139,7 +139,9 @@ CREATE TABLE batches (
     schedule TEXT COLLATE "C",
     request TEXT COLLATE "C" NOT NULL,
     skipped TEXT COLLATE "C" NOT NULL,
-    created_at BIGINT NOT NULL
+    created_at BIGINT NOT NULL,
+    waiting BYTEA,
+    entered BIGINT NOT NULL DEFAULT 0
 );
 
 CREATE TABLE batch_jobs (
@@ -409,6 +411,7 @@ INSERT INTO counters (name, value) VALUES ('boot', 0), ('sequence', 0), ('change
 
 CREATE INDEX aliases_of_window ON window_aliases (sequence);
 CREATE INDEX audit_of_system ON audit (system, sequence);
+CREATE INDEX batches_to_enter ON batches (sequence) WHERE waiting IS NOT NULL;
 CREATE INDEX batches_of_job ON batch_jobs (job);
 CREATE INDEX diagnoses_of_fit ON diagnoses (fit);
 CREATE INDEX diagnoses_of_system ON diagnoses (system, sequence);

@@ -32,4 +32,8 @@ CREATE TABLE shares (
 -- What the same search would find again: the way there, and how the estimates err together. Documents of fits are
 -- compressed from now on, and so are the reports of windows; earlier ones are read as they are.
 ALTER TABLE fits ADD COLUMN replay BLOB;
+-- Jobs of a batch that are more than one transaction takes into the queue, until all are there, and how many are.
+ALTER TABLE batches ADD COLUMN waiting BLOB;
+ALTER TABLE batches ADD COLUMN entered BIGINT NOT NULL DEFAULT 0;
+CREATE INDEX batches_to_enter ON batches (sequence) WHERE waiting IS NOT NULL;
 CREATE INDEX fits_to_shorten ON fits (created_at) WHERE replay IS NOT NULL;

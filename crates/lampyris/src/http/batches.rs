@@ -166,7 +166,7 @@ impl BatchAnswer {
         };
         Self {
             kind: batch.kind,
-            finished: batch.jobs.iter().all(|job| job.state.is_final()),
+            finished: !batch.entering && batch.jobs.iter().all(|job| job.state.is_final()),
             counts,
             summary,
             improved,

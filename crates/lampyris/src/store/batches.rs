@@ -2,7 +2,8 @@
 
 use super::database::Store;
 use super::engine::Session;
-use super::entry::{NewJob, SubmitError, enter};
+use super::entering;
+use super::entry::{NewJob, SubmitError};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::job::{JobFailure, JobStatus, Outcome};
@@ -83,6 +84,8 @@ pub struct BatchRecord {
     pub skipped: Vec<Skipped>,
     /// When.
     pub created_at: Timestamp,
+    /// Whether jobs of it are still on their way into the queue.
+    pub entering: bool,
     /// Its jobs, in the order of submission.
     pub jobs: Vec<BatchMember>,
 }
@@ -139,6 +142,7 @@ row! {
         request: String,
         skipped: String,
         created_at: i64,
+        entering: bool,
     }
 }
 
@@ -215,29 +219,34 @@ pub async fn submit(
     limit: i64,
     now: Timestamp,
 ) -> Result<SubmittedBatch, SubmitError> {
+    let waiting = entering::packed(&new.jobs)?;
     let mut tx = store.write().await?;
     match look_up(&mut tx, key).await? {
         KeyState::Reused => return Err(SubmitError::KeyReused),
         KeyState::Seen(earlier) => return Ok(SubmittedBatch::Earlier(earlier)),
         KeyState::Fresh => {}
     }
-    let id = submit_in_batch(&mut tx, new, limit, now).await?;
+    let id = submit_in_batch(&mut tx, new, waiting.as_deref(), limit, now).await?;
     remember(&mut tx, key, &id, 202, now).await?;
     tx.commit().await?;
+    if waiting.is_some() {
+        entering::go_on(store, &id, &new.jobs, now).await?;
+    }
     Ok(SubmittedBatch::New(id))
 }
 
-/// Submits a batch inside a transaction.
+/// Submits a batch inside a transaction; `waiting` are its jobs where they are more than that can take.
 pub(super) async fn submit_in_batch(
     tx: &mut Session,
     new: &NewBatch,
+    waiting: Option<&[u8]>,
     limit: i64,
     now: Timestamp,
 ) -> Result<String, SubmitError> {
     let sequence = next(tx, "sequence").await?;
     let id = derive_id("bat", sequence, now);
-    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at) VALUES ($1, \
-        $2, $3, $4, $5, $6, $7)";
+    let sql = "INSERT INTO batches (id, sequence, kind, schedule, request, skipped, created_at, waiting) VALUES \
+        ($1, $2, $3, $4, $5, $6, $7, $8)";
     query(sql)
         .bind(&id)
         .bind(sequence)
@@ -246,13 +255,10 @@ pub(super) async fn submit_in_batch(
         .bind(&new.request)
         .bind(to_json("skipped systems", &new.skipped)?)
         .bind(millis(now))
+        .bind(waiting)
         .execute(&mut *tx)
         .await?;
-    // An equal job that waits already belongs to this batch, too.
-    let jobs: Vec<String> = enter(tx, &new.jobs, limit, now).await?.into_iter().map(|job| job.id).collect();
-    let sql = "INSERT INTO batch_jobs (batch, job) SELECT $1, value FROM json_each($2) WHERE true ON CONFLICT DO \
-        NOTHING";
-    query(sql).bind(&id).bind(to_json("jobs", &jobs)?).execute(tx).await?;
+    entering::begin(tx, &id, &new.jobs, limit, now).await?;
     Ok(id)
 }
 
@@ -282,8 +288,8 @@ pub async fn answered(store: &Store, jobs: &[NewJob]) -> Result<HashSet<usize>, 
 
 /// Whether a batch has jobs that have not ended.
 pub(super) async fn is_unfinished(tx: &mut Session, id: &str) -> Result<bool, StoreError> {
-    let sql = "SELECT EXISTS (SELECT 1 FROM batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND \
-        j.state IN ('queued', 'running'))";
+    let sql = "SELECT EXISTS (SELECT 1 FROM batches WHERE id = $1 AND waiting IS NOT NULL) OR EXISTS (SELECT 1 FROM \
+        batch_jobs b JOIN jobs j ON j.id = b.job WHERE b.batch = $1 AND j.state IN ('queued', 'running'))";
     Ok(query_scalar(sql).bind(id).fetch_one(tx).await?)
 }
 
@@ -304,7 +310,8 @@ pub async fn request(store: &Store, id: &str) -> Result<Option<serde_json::Value
 /// # Errors
 /// Where the database fails.
 pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
-    let sql = "SELECT id, kind, schedule, request, skipped, created_at FROM batches WHERE id = $1";
+    let sql = "SELECT id, kind, schedule, request, skipped, created_at, waiting IS NOT NULL AS entering FROM batches \
+        WHERE id = $1";
     let Some(row) = query_as::<Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
         return Ok(None);
     };
@@ -322,6 +329,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
         request: from_json("a request", &row.request)?,
         skipped: from_json("skipped systems", &row.skipped)?,
         created_at: instant(row.created_at)?,
+        entering: row.entering,
         jobs: jobs.into_iter().map(JobRow::record).collect::<Result<_, _>>()?,
     }))
 }
@@ -338,7 +346,8 @@ pub async fn page(
     limit: i64,
 ) -> Result<Vec<BatchSummary>, StoreError> {
     let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs, \
-        COUNT(*) FILTER (WHERE j.state IN ('queued', 'running')) AS unfinished \
+        COUNT(*) FILTER (WHERE j.state IN ('queued', 'running')) + CASE WHEN b.waiting IS NULL THEN 0 ELSE 1 \
+        END AS unfinished \
         FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job \
         WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
         asked \
@@ -364,7 +373,7 @@ pub struct BatchSummary {
     pub created_at: Timestamp,
     /// How many jobs it has.
     pub jobs: i64,
-    /// How many of them have not ended.
+    /// How many of them have not ended, and one while others are on their way into the queue.
     pub unfinished: i64,
 }
 

@@ -12,9 +12,6 @@ use lampyris_core::model::ModelId;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
-/// From so many jobs on the server's picture of the queue is made anew: with an old one it looks for the next
-/// job ten times as long.
-const MANY: usize = 1000;
 /// Jobs that one statement writes.
 const AT_ONCE: usize = 500;
 
@@ -130,13 +127,10 @@ pub(super) async fn enter(
     for places in places.chunks(AT_ONCE) {
         insert(tx, places, &tenants, now).await?;
     }
-    if places.len() >= MANY && tx.is_postgres() {
-        query("ANALYZE jobs").execute(&mut *tx).await?;
-    }
     Ok(entered)
 }
 
-/// Writes the rows of a list.
+/// Writes the rows of a list. Most of a night ask for the same, which is sent once.
 const INSERT: &str = "INSERT INTO jobs (id, sequence, kind, system, model, fingerprint, experiment, origin, \
     priority, turn, tenant, request, state, created_at) \
     SELECT json_extract(value, '$[0]'), CAST(json_extract(value, '$[1]') AS BIGINT), \
@@ -144,7 +138,7 @@ const INSERT: &str = "INSERT INTO jobs (id, sequence, kind, system, model, finge
     json_extract(value, '$[5]'), CAST(json_extract(value, '$[6]') AS BIGINT) = 1, \
     json_extract(value, '$[7]'), CAST(json_extract(value, '$[8]') AS BIGINT), \
     CAST(json_extract(value, '$[9]') AS BIGINT), json_extract(value, '$[10]'), \
-    json_extract(value, '$[11]'), 'queued', $2 FROM json_each($1)";
+    COALESCE($3, json_extract(value, '$[11]')), 'queued', $2 FROM json_each($1)";
 
 async fn insert(
     tx: &mut Session,
@@ -152,6 +146,8 @@ async fn insert(
     tenants: &Tenants,
     now: Timestamp,
 ) -> Result<(), StoreError> {
+    let same = places.first().map(|first| &first.job.request);
+    let same = same.filter(|request| places.iter().all(|place| place.job.request == **request));
     let row = |place: &Place<'_>| {
         let Place { job, fingerprint, id, sequence, turn } = place;
         serde_json::json!([
@@ -166,11 +162,12 @@ async fn insert(
             job.priority.rank(),
             turn,
             tenants.of(&job.system),
-            &*job.request,
+            if same.is_some() { None } else { Some(&*job.request) },
         ])
     };
     let rows: Vec<serde_json::Value> = places.iter().map(row).collect();
-    query(INSERT).bind(to_json("jobs", &rows)?).bind(millis(now)).execute(tx).await?;
+    let same = same.map(|request| &**request);
+    query(INSERT).bind(to_json("jobs", &rows)?).bind(millis(now)).bind(same).execute(tx).await?;
     Ok(())
 }
 

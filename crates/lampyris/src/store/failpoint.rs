@@ -11,6 +11,7 @@
 //! | `before_finish` | a job has come to its end, and the transaction that writes it has not begun |
 //! | `before_commit`, `after_commit` | the transaction that ends a job |
 //! | `before_swap` | what is served is durable, and not yet in memory |
+//! | `in_entering` | some jobs of a batch of very many are in the queue, uncommitted |
 //! | `in_recovery` | a start has given the jobs of a dead process back, uncommitted |
 //! | `in_migration` | a transaction of an upgrade, uncommitted: the migration, then the note of how long it
 //! took |

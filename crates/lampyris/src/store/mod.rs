@@ -21,7 +21,7 @@
 //! | `models` | model and effect documents of users, versions made by adding effects |
 //! | `job`, `job_record` | what a job is: its words, and what its state implies |
 //! | `jobs` | jobs as they are listed |
-//! | `entry` | how jobs enter the queue, one or very many |
+//! | `entry`, `entering` | how jobs enter the queue, one or very many |
 //! | `queue` | how jobs wait: submit, claim with a lease, cancel, recover |
 //! | `events` | jobs that came or ended after a number |
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
@@ -62,6 +62,7 @@ pub mod degradations;
 pub mod diagnoses;
 pub mod doctor;
 mod engine;
+pub mod entering;
 pub mod entry;
 mod error;
 pub mod events;

@@ -4,6 +4,7 @@ use super::audit::{Action, AuditEntry, note};
 use super::batches::{NewBatch, is_unfinished, submit_in_batch};
 use super::database::Store;
 use super::engine::Session;
+use super::entering;
 use super::entry::SubmitError;
 use super::error::StoreError;
 use super::row::row;
@@ -168,8 +169,9 @@ pub async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
     rows.into_iter().map(Row::record).collect()
 }
 
-/// Deals with a tick: submits the batch unless the one before still runs, and notes the tick, all in one
-/// transaction, so that a crash can neither lose a tick nor run it twice. `None` where the schedule is gone,
+/// Deals with a tick: submits the batch unless the one before still runs, and notes the tick, in one
+/// transaction, so that a crash can neither lose a tick nor run it twice. Of very many jobs the first are in
+/// it, and the others are known. `None` where the schedule is gone,
 /// or does not wait for this tick any more.
 ///
 /// # Errors
@@ -182,6 +184,7 @@ pub async fn tick(
     limit: i64,
     now: Timestamp,
 ) -> Result<Option<TickResult>, SubmitError> {
+    let packed = entering::packed(&batch.jobs)?;
     let mut tx = store.write().await?;
     let waiting =
         query_scalar("SELECT last_batch FROM schedules WHERE name = $1 AND enabled AND last_tick_at < $2");
@@ -195,13 +198,15 @@ pub async fn tick(
         Some(batch) => is_unfinished(&mut tx, &batch).await?,
         None => false,
     };
+    let mut begun = None;
     let result = if overlapping {
         TickResult::SkippedOverlap
     } else if batch.jobs.is_empty() {
         TickResult::NothingToDo
     } else {
-        let id = submit_in_batch(&mut tx, batch, limit, now).await?;
+        let id = submit_in_batch(&mut tx, batch, packed.as_deref(), limit, now).await?;
         note_run_in(&mut tx, name, &id, now).await?;
+        begun = packed.is_some().then_some(id);
         TickResult::Submitted
     };
     query("UPDATE schedules SET last_tick_at = $2, last_result = $3 WHERE name = $1")
@@ -211,6 +216,9 @@ pub async fn tick(
         .execute(&mut *tx)
         .await?;
     tx.commit().await?;
+    if let Some(id) = begun {
+        entering::go_on(store, &id, &batch.jobs, now).await?;
+    }
     Ok(Some(result))
 }
 

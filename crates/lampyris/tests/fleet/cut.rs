@@ -1,9 +1,10 @@
-//! A way to the database that can be cut: what is sent is held back, and nobody is told.
+//! A way to the database that can be cut, so that what is sent is held back and nobody is told, or lead to
+//! another one.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::{sleep, spawn};
 use std::time::Duration;
 
@@ -12,6 +13,7 @@ pub struct Way {
     /// Where it listens.
     pub port: u16,
     is_cut: Arc<AtomicBool>,
+    server: Arc<Mutex<String>>,
 }
 
 impl Way {
@@ -20,10 +22,12 @@ impl Way {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
         let is_cut = Arc::new(AtomicBool::new(false));
-        let (server, cut) = (server.to_owned(), is_cut.clone());
+        let server = Arc::new(Mutex::new(server.to_owned()));
+        let (leads_to, cut) = (server.clone(), is_cut.clone());
         spawn(move || {
             for near in listener.incoming().map_while(Result::ok) {
-                let Ok(far) = TcpStream::connect(&server) else { continue };
+                let server = leads_to.lock().unwrap().clone();
+                let Ok(far) = TcpStream::connect(server) else { continue };
                 for (from, to) in [(&near, &far), (&far, &near)] {
                     let (from, to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
                     let cut = cut.clone();
@@ -31,7 +35,12 @@ impl Way {
                 }
             }
         });
-        Self { port, is_cut }
+        Self { port, is_cut, server }
+    }
+
+    /// Leads whoever comes from now on to another server.
+    pub fn lead_to(&self, server: &str) {
+        *self.server.lock().unwrap() = server.to_owned();
     }
 
     /// Cuts it, or joins it again.

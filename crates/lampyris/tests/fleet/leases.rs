@@ -1,7 +1,7 @@
 //! Workers that die, and workers that come back.
 
 use super::cut::Way;
-use super::support::{endless, full, quick};
+use super::support::{endless, full, quick, seeded};
 use super::{Fleet, LEASE};
 use serde_json::json;
 use std::thread::sleep;
@@ -15,17 +15,33 @@ fn a_job_of_a_killed_worker_is_taken_over_and_ends_once() {
     let Some(fleet) = Fleet::new() else { return };
     let api = fleet.node("api,scheduler", &[]);
     api.client.lasting_room("1", 1);
+    // It is killed at its work, or dies while its result is written, before that, or behind it.
+    let ends = ["", "before_commit", "before_finish", "after_commit"];
     let mut longest = Duration::ZERO;
-    for _ in 0..if full() { 30 } else { 2 } {
-        let doomed = fleet.node("worker", &[("LAMPYRIS_PAUSE_AT", "before_finish:60000")]);
-        let job = api.client.post_job(&quick("room/1"));
-        api.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
-        let heir = fleet.node("worker", &[]);
-        doomed.kill();
+    for round in 0..if full() { 100 } else { 2 } {
+        let dies_at = ends[round % ends.len()];
+        let doomed = match dies_at {
+            "" => fleet.node("worker", &[("LAMPYRIS_PAUSE_AT", "before_finish:60000")]),
+            point => fleet.node("worker", &[("LAMPYRIS_ABORT_AT", point)]),
+        };
+        let job = api.client.post_job(&seeded(quick("room/1"), round as i64));
+        let heir = match dies_at {
+            "" => {
+                api.client.until(&format!("/jobs/{job}"), |job| job["state"] == "running");
+                let heir = fleet.node("worker", &[]);
+                doomed.kill();
+                heir
+            }
+            _ => {
+                doomed.gone();
+                fleet.node("worker", &[])
+            }
+        };
         let killed = Instant::now();
         let ended = api.client.ended(&job);
         longest = longest.max(killed.elapsed());
-        assert_eq!((&ended["state"], &ended["attempt"]), (&json!("succeeded"), &json!(2)), "{ended}");
+        let attempt = if dies_at == "after_commit" { 1 } else { 2 };
+        assert_eq!((&ended["state"], &ended["attempt"]), (&json!("succeeded"), &json!(attempt)), "{ended}");
         let fits = fleet.rows(&format!("SELECT COUNT(*)::TEXT FROM fits WHERE job = '{job}'"));
         assert_eq!(fits, ["1"]);
         drop(heir);

@@ -4,11 +4,14 @@
 //! `LAMPYRIS_TESTS=full` asks for the full ones.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+mod clocks;
+mod crowd;
 mod cut;
 mod database;
 mod feed;
 mod leases;
 mod nodes;
+mod standby;
 #[path = "../support/mod.rs"]
 mod support;
 

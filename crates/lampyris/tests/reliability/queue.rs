@@ -1,6 +1,7 @@
 //! The queue under a crowd: nothing is dropped in silence, nobody waits for another's crowd, and nothing is
 //! done twice.
 
+use crate::database::rows;
 use crate::support::process::Process;
 use crate::support::rooms::room_csv;
 use crate::support::{Answer, Client, PATIENCE, endless, full, quick, seeded};
@@ -372,4 +373,49 @@ fn a_large_model_on_a_long_record_is_called_off_in_the_middle_of_a_simulation() 
         single["state"]
     );
     assert!(cancelled < batch / 4.0, "{cancelled} s of {batch} s");
+}
+
+#[test]
+fn a_batch_of_very_many_jobs_is_gone_on_with_where_the_process_died() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = dir.path().join("many.db");
+    let service = Process::start(&database);
+    service.client.json("PUT", "/systems/room/0", &json!({"model": "rc1"})).expect(201);
+    service.client.csv("/systems/room/0/windows", &room_csv(1, 4)).expect(201);
+    service.terminate();
+    const ROOMS: usize = 5_000;
+    for sql in [
+        "INSERT INTO systems (system, model, document, created_at, updated_at) SELECT 'room/' || n, model, document, \
+        created_at, updated_at FROM systems, (WITH RECURSIVE counted (n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM \
+        counted WHERE n < 4999) SELECT n FROM counted)",
+        "INSERT INTO days SELECT s.system, d.day, d.from_ms, d.to_ms, d.channels, d.block FROM systems s, days d \
+        WHERE s.system <> d.system",
+    ] {
+        rows(&database, sql);
+    }
+    // Nobody works, so that all of them wait; and it dies with the third of three transactions.
+    let environment = [("LAMPYRIS_ROLES", "api,scheduler"), ("LAMPYRIS_LIMITS_QUEUE", "10000")];
+    let dying = [&environment[..], &[("LAMPYRIS_ABORT_AT", "in_entering:2")]].concat();
+    let service = Process::start_with(&database, &dying);
+    let body = json!({"kind": "recalibrate", "systems": ["room/*"]});
+    let headers = [("content-type", "application/json")];
+    let sent = service.client.send("POST", "/jobs", &headers, Some(body.to_string().as_bytes()));
+    assert!(sent.is_err());
+    service.gone();
+    let waiting = "SELECT CAST(COUNT(*) AS TEXT) FROM jobs WHERE state = 'queued'";
+    assert_eq!(rows(&database, waiting), ["4000"]);
+    let service = Process::start_with(&database, &environment);
+    let begun = Instant::now();
+    while rows(&database, waiting) != [ROOMS.to_string()] {
+        assert!(begun.elapsed() < PATIENCE);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let batches = service.client.get("/batches").expect(200).json();
+    assert_eq!(
+        (&batches["items"][0]["jobs"], batches["items"].as_array().unwrap().len()),
+        (&json!(ROOMS), 1)
+    );
+    assert_eq!(rows(&database, "SELECT CAST(COUNT(DISTINCT system) AS TEXT) FROM jobs"), [ROOMS.to_string()]);
+    let waits = "SELECT CAST(COUNT(*) AS TEXT) FROM batches WHERE waiting IS NOT NULL";
+    assert_eq!(rows(&database, waits), ["0"]);
 }

@@ -26,7 +26,7 @@ pub fn database() -> Option<DatabasePlace> {
 pub fn drop_database(place: &DatabasePlace) {
     if let DatabasePlace::Server(url) = place {
         let name = url.rsplit('/').next().unwrap();
-        on_server(format!("DROP DATABASE {name} WITH (FORCE)"));
+        on_server(format!("DROP DATABASE IF EXISTS {name} WITH (FORCE)"));
     }
 }
 

@@ -301,6 +301,10 @@ async fn due_here(service: &Service) -> Result<Duration, ServiceError> {
 /// Where the database fails.
 pub async fn due(service: &Service, now: Timestamp) -> Result<Duration, ServiceError> {
     let mut pause = LONGEST_SLEEP;
+    // Batches on whose way somebody has died.
+    if store::entering::go_on_with_all(&service.store, now).await? > 0 {
+        submit::entered(service);
+    }
     for schedule in
         store::schedules::all(&service.store).await?.into_iter().filter(|schedule| schedule.enabled)
     {

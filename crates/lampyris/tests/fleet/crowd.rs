@@ -1,0 +1,186 @@
+//! What very many jobs that wait cost those that are claimed.
+
+use super::Fleet;
+use super::support::full;
+use jiff::Timestamp;
+use lampyris::store::batches::{BatchKind, NewBatch};
+use lampyris::store::entry::NewJob;
+use lampyris::store::finish::JobEnd;
+use lampyris::store::jobs::{JobFailure, JobKind, Origin, Priority};
+use lampyris::store::{self, DatabasePlace, Store};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Claims whose times are looked at in all, some by each of so many workers in each of four rounds.
+const CLAIMS: usize = 1_600;
+const WORKERS: usize = 4;
+
+#[test]
+fn a_claim_costs_the_same_however_many_jobs_wait() {
+    let Some(fleet) = Fleet::new() else { return };
+    let (few, many) = if full() { (10_000, 100_000) } else { (1_000, 10_000) };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let store = Arc::new(runtime.block_on(Store::open(&fleet.place, None)).unwrap());
+    let ended = Arc::new(AtomicBool::new(false));
+    let longest = std::thread::spawn({
+        let (place, ended) = (fleet.place.clone(), ended.clone());
+        move || longest_transaction(&place, &ended)
+    });
+    let systems = format!(
+        "INSERT INTO systems (system, model, document, created_at, updated_at) SELECT 'room/' || n, 'rc1', '{{}}', 0, 0 \
+        FROM generate_series(0, {}) n",
+        many + CLAIMS
+    );
+    fleet.rows(&systems);
+    let (took, of_few) = runtime.block_on(waiting(&store, 0..few + CLAIMS));
+    println!("FLEET: {few} jobs submitted in {took:?}, and p99 of a claim is {of_few:?}");
+    let (took, of_many) = runtime.block_on(waiting(&store, few + CLAIMS..many + CLAIMS));
+    println!("FLEET: {} more submitted in {took:?}, and p99 of a claim is {of_many:?}", many - few);
+    ended.store(true, Ordering::Relaxed);
+    let longest = longest.join().unwrap();
+    println!("FLEET: the longest transaction took {longest:.2} s (limit 5)");
+    runtime.block_on(store.close());
+    assert_eq!(fleet.rows("SELECT COUNT(*)::TEXT FROM jobs WHERE state = 'queued'"), [many.to_string()]);
+    assert!(longest < 5.0, "{longest}");
+    let ratio = of_many.as_secs_f64() / of_few.as_secs_f64();
+    println!("FLEET: {ratio:.2} times as long (limit 2)");
+    assert!(ratio <= 2.0, "{of_few:?} where {few} wait, {of_many:?} where {many} do");
+}
+
+/// Has these rooms wait for a job each, and gives how long that took and the 99th percentile of claims then,
+/// the better of two rounds.
+async fn waiting(store: &Arc<Store>, rooms: std::ops::Range<usize>) -> (Duration, Duration) {
+    let batch = crowd(rooms, Priority::Nightly);
+    let begun = Instant::now();
+    store::batches::submit(store, &batch, None, i64::MAX, Timestamp::now()).await.unwrap();
+    let took = begun.elapsed();
+    let mut best = Duration::MAX;
+    for _ in 0..2 {
+        let times = Arc::new(Mutex::new(Vec::new()));
+        let workers: Vec<_> =
+            (0..WORKERS).map(|_| tokio::spawn(claims(store.clone(), times.clone()))).collect();
+        for worker in workers {
+            worker.await.unwrap();
+        }
+        let mut times = times.lock().unwrap().clone();
+        times.sort();
+        best = best.min(times[times.len() * 99 / 100]);
+    }
+    (took, best)
+}
+
+/// A job for each of these rooms.
+fn crowd(rooms: std::ops::Range<usize>, priority: Priority) -> NewBatch {
+    let job = |room: usize| NewJob {
+        kind: JobKind::Estimate,
+        system: format!("room/{room}").parse().unwrap(),
+        model: "rc1".parse().unwrap(),
+        request: "{}".into(),
+        experiment: false,
+        origin: Origin::Scheduled,
+        priority,
+    };
+    NewBatch {
+        kind: BatchKind::Recalibrate,
+        schedule: None,
+        request: "{}".into(),
+        jobs: rooms.map(job).collect(),
+        skipped: Vec::new(),
+    }
+}
+
+async fn claims(store: Arc<Store>, times: Arc<Mutex<Vec<Duration>>>) {
+    let failure = JobFailure { code: "stub".into(), detail: "no work".into(), errors: Vec::new() };
+    let name = ("a worker", "worker");
+    let worker =
+        store::workers::enlist(&store, name, Duration::from_secs(600), Timestamp::now()).await.unwrap();
+    for _ in 0..CLAIMS / WORKERS / 4 {
+        let begun = Instant::now();
+        let job = store::queue::claim(&store, worker, Timestamp::now()).await.unwrap().unwrap();
+        times.lock().unwrap().push(begun.elapsed());
+        let end = JobEnd::Failed(&failure);
+        store::finish::finish(&store, &job.lease().unwrap(), &end, Timestamp::now()).await.unwrap();
+    }
+}
+
+/// Seconds of the longest transaction until the end, as the server tells them.
+fn longest_transaction(place: &DatabasePlace, ended: &AtomicBool) -> f64 {
+    let sql = "SELECT COALESCE(MAX(extract(epoch FROM clock_timestamp() - xact_start))::FLOAT8::TEXT, '0') FROM \
+        pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid() AND backend_type = 'client \
+        backend'";
+    let mut longest = 0.0_f64;
+    while !ended.load(Ordering::Relaxed) {
+        let found = super::support::cluster::behind(place, sql).unwrap();
+        longest = longest.max(found[0].parse().unwrap());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    longest
+}
+
+/// Tenants share the workers of all processes: one of ten jobs beside one of very many, and ten equal ones.
+#[test]
+fn tenants_take_turns_over_all_processes() {
+    let Some(fleet) = Fleet::new() else { return };
+    let many = if full() { 100_000 } else { 5_000 };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let store = Arc::new(runtime.block_on(Store::open(&fleet.place, None)).unwrap());
+    fleet.rows(&format!(
+        "INSERT INTO systems (system, model, document, created_at, updated_at, tenant) SELECT 'room/' || n, 'rc1', '{{}}', \
+        0, 0, CASE WHEN n < 10 THEN 'small' WHEN n < {many} + 10 THEN 'large' ELSE 'equal ' || n % 10 END FROM \
+        generate_series(0, {many} + 2009) n"
+    ));
+    let now = Timestamp::now();
+    let submit = |rooms: std::ops::Range<usize>, priority| {
+        let batch = crowd(rooms, priority);
+        runtime.block_on(store::batches::submit(&store, &batch, None, i64::MAX, now)).unwrap();
+    };
+    submit(10..many + 10, Priority::Nightly);
+    submit(0..10, Priority::Interactive);
+    let taken = |claims: usize| {
+        let taken = Arc::new(Mutex::new(Vec::new()));
+        runtime.block_on(async {
+            let workers: Vec<_> = (0..WORKERS)
+                .map(|_| tokio::spawn(take(store.clone(), claims / WORKERS, taken.clone())))
+                .collect();
+            for worker in workers {
+                worker.await.unwrap();
+            }
+        });
+        taken.lock().unwrap().clone()
+    };
+    let number = |system: &String| system[5..].parse::<usize>().unwrap();
+    let first = taken(100);
+    let small: Vec<usize> = (0..100).filter(|place| number(&first[*place]) < 10).collect();
+    // Whoever claims beside another may be noted before it.
+    assert!(
+        small.len() == 10 && small.iter().enumerate().all(|(turn, place)| *place < 2 * turn + 2 + WORKERS),
+        "{small:?}"
+    );
+    fleet.rows("UPDATE jobs SET state = 'cancelled', ended_at = 1 WHERE state = 'queued' AND tenant = 'large' RETURNING id");
+    submit(many + 10..many + 2010, Priority::Nightly);
+    let mut counts = [0_usize; 10];
+    taken(1000).iter().for_each(|system| counts[number(system) % 10] += 1);
+    let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
+    println!(
+        "FLEET: of ten jobs beside {many} the last was the claim {}; of ten tenants the least got {least} of 100 and \
+        the most {most}",
+        small[9] + 1
+    );
+    assert!(*most as f64 <= 1.2 * *least as f64, "{counts:?}");
+    runtime.block_on(store.close());
+}
+
+/// Claims and ends so many jobs, and notes of which systems.
+async fn take(store: Arc<Store>, jobs: usize, taken: Arc<Mutex<Vec<String>>>) {
+    let failure = JobFailure { code: "stub".into(), detail: "no work".into(), errors: Vec::new() };
+    let name = ("a worker", "worker");
+    let worker =
+        store::workers::enlist(&store, name, Duration::from_secs(600), Timestamp::now()).await.unwrap();
+    for _ in 0..jobs {
+        let job = store::queue::claim(&store, worker, Timestamp::now()).await.unwrap().unwrap();
+        taken.lock().unwrap().push(job.system.to_string());
+        let end = JobEnd::Failed(&failure);
+        store::finish::finish(&store, &job.lease().unwrap(), &end, Timestamp::now()).await.unwrap();
+    }
+}
