@@ -106,6 +106,7 @@ impl Study {
             Self::Complexity(asked) => ("complexity", Some(asked.first.seed)),
             Self::Likelihood(asked) => ("likelihood", Some(asked.first.seed)),
             Self::Load(_) => ("load", None),
+            Self::Fleet(asked) if asked.server.is_some() => ("fleet-server", None),
             Self::Fleet(_) => ("fleet", None),
             Self::Loop(asked) => ("loop", Some(asked.first.seed)),
             Self::Plant(asked) => ("plant", Some(asked.first.seed)),

@@ -41,6 +41,13 @@ const SECTIONS: [Section; 15] = [
         options: " --rooms 1000,10000,100000",
     },
     Section {
+        study: "fleet-server",
+        title: "The same nights on PostgreSQL",
+        about: "Database and fits together on the cores of one machine, with one process that fits and with \
+            four. A commit waits for the disk.",
+        options: "",
+    },
+    Section {
         study: "room",
         title: "The search on synthetic rooms",
         about: "Rooms of 15 parameters, one week to fit: how often the default search ends within 1 % of the \

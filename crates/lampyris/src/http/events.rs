@@ -13,6 +13,7 @@ use super::places::{Connection, StreamPlace};
 use super::problem::{ApiError, PROBLEM_JSON, Problem, Problems};
 use super::shared::Shared;
 use crate::service::changes::events::{Event as Happening, EventName, JobChange, Position, SystemChange};
+use crate::service::changes::follow;
 use crate::service::serving::snapshot::{ParamsChange, StateChange};
 use crate::service::work::progress::ProgressReport;
 use crate::store;
@@ -312,7 +313,12 @@ impl Listener {
     /// Tells how things stand to a client that the log cannot help, and says where the log goes on. Only ends
     /// have ids here: a client that is cut off in between is told the rest of them.
     async fn tell_state(&mut self, last: Option<Position>) -> Result<Position, Over> {
-        let (position, running) = self.service.events.snapshot();
+        let (mut position, mut running) = self.service.events.snapshot();
+        if last.is_some_and(|last| last.sequence > position.sequence) {
+            // Another node has told more than this one has heard by now, which must not be told again.
+            follow::catch_up(&self.service).await.map_err(|_| Over)?;
+            (position, running) = self.service.events.snapshot();
+        }
         if let Whose::Job(id) = &self.whose {
             let job = require(&self.service, id).await.map_err(|_| Over)?;
             if let Some(end) = job.state.end_sequence() {
