@@ -108,41 +108,16 @@ impl<'q, T> Statement<'q, T> {
 
     /// Runs it, and counts the rows that it has changed.
     pub(super) async fn execute(self, via: impl Into<Via<'_>>) -> Result<u64, sqlx::Error> {
-        let Self { sql, values, lasts, .. } = self;
-        Ok(match via.into() {
-            Via::SqlitePool(pool) => {
-                bound!(sqlx::query(sql).persistent(lasts), values).execute(pool).await?.rows_affected()
-            }
-            Via::Sqlite(one) => {
-                bound!(sqlx::query(sql).persistent(lasts), values).execute(one).await?.rows_affected()
-            }
-            Via::PostgresPool(pool) => {
-                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
-                within(statement.execute(pool)).await?.rows_affected()
-            }
-            Via::Postgres(one) => {
-                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
-                within(statement.execute(one)).await?.rows_affected()
-            }
-        })
+        execute(self.sql, self.values, self.lasts, via.into()).await
     }
 }
 
 impl<T: FromEither> Statement<'_, T> {
     /// All its rows.
     pub(super) async fn fetch_all(self, via: impl Into<Via<'_>>) -> Result<Vec<T>, sqlx::Error> {
-        let Self { sql, values, lasts, .. } = self;
-        match via.into() {
-            Via::SqlitePool(pool) => {
-                bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(pool).await
-            }
-            Via::Sqlite(one) => bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(one).await,
-            Via::PostgresPool(pool) => {
-                within(bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(pool)).await
-            }
-            Via::Postgres(one) => {
-                within(bound!(sqlx::query_as(sql).persistent(lasts), values).fetch_all(one)).await
-            }
+        match fetch_all(self.sql, self.values, self.lasts, via.into()).await? {
+            Rows::Sqlite(rows) => rows.iter().map(T::from_row).collect(),
+            Rows::Postgres(rows) => rows.iter().map(T::from_row).collect(),
         }
     }
 
@@ -155,6 +130,60 @@ impl<T: FromEither> Statement<'_, T> {
     pub(super) async fn fetch_one(self, via: impl Into<Via<'_>>) -> Result<T, sqlx::Error> {
         self.fetch_optional(via).await?.ok_or(sqlx::Error::RowNotFound)
     }
+}
+
+/// Rows as the engines give them. What does the asking knows nothing of types, so that it is built once.
+enum Rows {
+    Sqlite(Vec<SqliteRow>),
+    Postgres(Vec<PgRow>),
+}
+
+async fn execute(
+    sql: SqlStr,
+    values: Vec<SqlValue<'_>>,
+    lasts: bool,
+    via: Via<'_>,
+) -> Result<u64, sqlx::Error> {
+    Ok(match via {
+        Via::SqlitePool(pool) => {
+            bound!(sqlx::query(sql).persistent(lasts), values).execute(pool).await?.rows_affected()
+        }
+        Via::Sqlite(one) => {
+            bound!(sqlx::query(sql).persistent(lasts), values).execute(one).await?.rows_affected()
+        }
+        Via::PostgresPool(pool) => {
+            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+            within(statement.execute(pool)).await?.rows_affected()
+        }
+        Via::Postgres(one) => {
+            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+            within(statement.execute(one)).await?.rows_affected()
+        }
+    })
+}
+
+async fn fetch_all(
+    sql: SqlStr,
+    values: Vec<SqlValue<'_>>,
+    lasts: bool,
+    via: Via<'_>,
+) -> Result<Rows, sqlx::Error> {
+    Ok(match via {
+        Via::SqlitePool(pool) => {
+            Rows::Sqlite(bound!(sqlx::query(sql).persistent(lasts), values).fetch_all(pool).await?)
+        }
+        Via::Sqlite(one) => {
+            Rows::Sqlite(bound!(sqlx::query(sql).persistent(lasts), values).fetch_all(one).await?)
+        }
+        Via::PostgresPool(pool) => {
+            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+            Rows::Postgres(within(statement.fetch_all(pool)).await?)
+        }
+        Via::Postgres(one) => {
+            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+            Rows::Postgres(within(statement.fetch_all(one)).await?)
+        }
+    })
 }
 
 impl<'q, T> Scalars<'q, T>
