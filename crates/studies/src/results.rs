@@ -16,7 +16,7 @@ struct Section {
     options: &'static str,
 }
 
-const SECTIONS: [Section; 15] = [
+const SECTIONS: [Section; 16] = [
     Section {
         study: "engine",
         title: "The engine and the controller's path",

@@ -37,7 +37,12 @@ struct PackedDay {
 
 /// Channels of days that have come to something else.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct DaysChange(BTreeMap<i64, BTreeMap<String, Vec<Layer>>>);
+pub struct DaysChange {
+    /// What there is of them now, by day and channel.
+    layers: BTreeMap<i64, BTreeMap<String, Vec<Layer>>>,
+    /// Channels of which there is nothing else between two days, both included.
+    covered: Vec<(String, (i64, i64))>,
+}
 
 /// A whole day as it is written.
 #[derive(Debug, Clone, PartialEq)]
@@ -161,17 +166,26 @@ impl DaysChange {
         view: &ChannelView,
         (from, to): (i64, i64),
     ) -> Result<(), StoreError> {
-        self.put(channel, view, (from.div_euclid(DAY), to.div_euclid(DAY)))
+        let span = (from.div_euclid(DAY), to.div_euclid(DAY));
+        self.covered.push((channel.to_owned(), span));
+        self.put(channel, view, span)
     }
 
     fn put(&mut self, channel: &str, view: &ChannelView, span: (i64, i64)) -> Result<(), StoreError> {
-        for day in span.0..=span.1 {
-            self.0.entry(day).or_default().insert(channel.to_owned(), Vec::new());
-        }
+        let mut days: BTreeMap<i64, Vec<Layer>> = BTreeMap::new();
         for (day, layer) in view.days(span).map_err(|fault| unfit(channel, &fault))? {
-            self.0.entry(day).or_default().entry(channel.to_owned()).or_default().push(layer);
+            days.entry(day).or_default().push(layer);
+        }
+        for (day, layers) in days {
+            self.layers.entry(day).or_default().insert(channel.to_owned(), layers);
         }
         Ok(())
+    }
+
+    /// Whether a channel of a day is something else now.
+    fn has(&self, day: i64, channel: &str) -> bool {
+        self.layers.get(&day).is_some_and(|changed| changed.contains_key(channel))
+            || self.covered.iter().any(|(one, (from, to))| one == channel && (*from..=*to).contains(&day))
     }
 
     /// Packs the days, with what was there of other channels. This is work for a blocking thread.
@@ -180,17 +194,18 @@ impl DaysChange {
     /// Where a day is not what was written.
     pub fn over(self, there: &Days) -> Result<Vec<NewDay>, StoreError> {
         let there = there.unpacked()?;
-        let mut days = Vec::with_capacity(self.0.len());
-        for (day, changed) in self.0 {
-            let before = there.get(&day).map_or(&[][..], Vec::as_slice);
-            let kept = before.iter().filter(|layer| !changed.contains_key(layer.series.channel())).cloned();
-            let mut layers: Vec<Layer> = kept.chain(changed.values().flatten().cloned()).collect();
+        let is_covered = |day: &i64| self.covered.iter().any(|(_, (from, to))| (*from..=*to).contains(day));
+        let days: BTreeSet<i64> =
+            self.layers.keys().chain(there.keys().filter(|day| is_covered(day))).copied().collect();
+        let new = |day: i64| {
+            let before = there.get(&day).into_iter().flatten();
+            let kept = before.filter(|layer| !self.has(day, layer.series.channel()));
+            let changed = self.layers.get(&day).into_iter().flat_map(BTreeMap::values).flatten();
+            let mut layers: Vec<Layer> = kept.chain(changed).cloned().collect();
             layers.sort_by(|one, other| one.series.channel().cmp(other.series.channel()));
-            if !layers.is_empty() || !before.is_empty() {
-                days.push(NewDay { day, content: DayContent::new(layers) });
-            }
-        }
-        Ok(days)
+            NewDay { day, content: DayContent::new(layers) }
+        };
+        Ok(days.into_iter().map(new).collect())
     }
 }
 
@@ -311,4 +326,24 @@ pub(super) async fn change_version(tx: &mut Session, system: &str) -> Result<i64
         version = excluded.version";
     query(sql).bind(system).bind(version).execute(tx).await?;
     Ok(version)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Days, DaysChange};
+    use lampyris_core::data::{ChannelView, DAY, Hold, Series};
+
+    /// A clock that was wrong once leaves a window of decades: what it costs goes by its samples.
+    #[test]
+    fn a_change_over_decades_is_as_large_as_its_days() {
+        let times = vec![DAY, 20_000 * DAY];
+        let series = Series::new("T_room", "degC", Hold::Linear, times, vec![20.0, 21.0]).unwrap();
+        let mut view = ChannelView::empty("T_room");
+        view.put(&series, 1);
+        let mut change = DaysChange::default();
+        change.cover("T_room", &view, (DAY, 20_000 * DAY)).unwrap();
+        assert_eq!(change.layers.len(), 2);
+        let days: Vec<i64> = change.over(&Days::default()).unwrap().iter().map(|new| new.day).collect();
+        assert_eq!(days, [1, 20_000]);
+    }
 }
