@@ -3,7 +3,7 @@
 
 use super::database::Store;
 use super::engine::Session;
-use super::entry::{NewJob, SubmitError, enter};
+use super::entry::{NewJob, SubmitError, enter, require_room};
 use super::error::StoreError;
 use super::failpoint;
 use super::job::{JobKind, Origin, Priority};
@@ -75,10 +75,8 @@ pub(super) async fn begin(
     limit: i64,
     now: Timestamp,
 ) -> Result<(), SubmitError> {
-    let queued: i64 =
-        query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
-    if jobs.len() > AT_ONCE && queued + jobs.len() as i64 > limit {
-        return Err(SubmitError::QueueFull(format!("{limit} jobs wait already")));
+    if jobs.len() > AT_ONCE {
+        require_room(tx, jobs.len() as i64, limit).await?;
     }
     some(tx, batch, jobs, 0, limit, now).await
 }

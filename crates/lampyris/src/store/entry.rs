@@ -97,11 +97,7 @@ pub(super) async fn enter(
     let tenants = tenants(tx, jobs).await?;
     let mut turns = Turns::read(tx, jobs, &tenants).await?;
     let new = fingerprints.iter().filter(|fingerprint| !waiting.contains_key(*fingerprint)).count() as i64;
-    let queued: i64 =
-        query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
-    if new > 0 && queued + new > limit {
-        return Err(SubmitError::QueueFull(format!("{limit} jobs wait already")));
-    }
+    require_room(tx, new, limit).await?;
     let mut sequence = next_of(tx, "sequence", new).await?;
     let (mut entered, mut places) = (Vec::with_capacity(jobs.len()), Vec::new());
     for (job, fingerprint) in jobs.iter().zip(&fingerprints) {
@@ -128,6 +124,15 @@ pub(super) async fn enter(
         insert(tx, places, &tenants, now).await?;
     }
     Ok(entered)
+}
+
+/// Refuses jobs that are more than the queue takes.
+pub(super) async fn require_room(tx: &mut Session, new: i64, limit: i64) -> Result<(), SubmitError> {
+    let queued: i64 = query_scalar("SELECT COUNT(*) FROM jobs WHERE state = 'queued'").fetch_one(tx).await?;
+    if new > 0 && queued + new > limit {
+        return Err(SubmitError::QueueFull(format!("{limit} jobs wait already")));
+    }
+    Ok(())
 }
 
 /// Writes the rows of a list. Most of a night ask for the same, which is sent once.

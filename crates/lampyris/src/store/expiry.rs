@@ -3,15 +3,13 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::months;
+use super::retention::HANDFUL;
 use super::sequence::next;
 use super::statement::{query, query_scalar};
 use super::value::to_json;
 use jiff::Timestamp;
 use lampyris_core::data::DAY;
 use sqlx::AssertSqlSafe;
-
-/// Systems or windows whose rows one transaction removes.
-const HANDFUL: i64 = 200;
 
 /// What was forgotten of samples by their age.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -48,12 +46,12 @@ pub async fn forget(store: &Store, before: Timestamp) -> Result<ForgottenSamples
 async fn forget_windows(store: &Store, before: i64) -> Result<u64, StoreError> {
     let mut gone = 0;
     loop {
-        let mut tx = store.write().await?;
         let sql = "SELECT id FROM windows WHERE to_ms < $1 ORDER BY sequence LIMIT $2";
-        let ids: Vec<String> = query_scalar(sql).bind(before).bind(HANDFUL).fetch_all(&mut *tx).await?;
+        let ids: Vec<String> = query_scalar(sql).bind(before).bind(HANDFUL).fetch_all(&store.reader).await?;
         if ids.is_empty() {
             return Ok(gone);
         }
+        let mut tx = store.write().await?;
         let some = to_json("windows", &ids)?;
         for sql in [
             "DELETE FROM fit_windows WHERE window_id IN (SELECT value FROM json_each($1))",

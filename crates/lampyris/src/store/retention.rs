@@ -13,8 +13,8 @@ use super::value::{millis, to_json};
 use jiff::Timestamp;
 use lampyris_core::data::DAY;
 
-/// Most rows that one transaction removes.
-const HANDFUL: i64 = 200;
+/// Most jobs, windows or systems whose rows one transaction removes.
+pub(super) const HANDFUL: i64 = 200;
 
 /// Jobs that ended before an instant, one for estimates and one for diagnoses and ladders, and that nothing
 /// names any more. `$3` limits the answer to some of them, or is null.

@@ -5,7 +5,7 @@ use super::engine::Session;
 use super::error::StoreError;
 use super::shares::{self, PackedShares};
 use super::statement::{query, query_as, query_scalar};
-use super::value::{corrupt, from_json, instant};
+use super::value::{from_json, instant};
 use lampyris_core::data::{ChannelView, Layer, Series, WindowShare, lay};
 use std::collections::BTreeMap;
 
@@ -43,11 +43,15 @@ async fn take_days(connection: &mut Session, system: &str) -> Result<(), StoreEr
                 Err(error) => tracing::error!(%error, system, channel, "a damaged day counts no more"),
             }
         }
+        if layers.is_empty() {
+            continue;
+        }
         let view =
             ChannelView::of_layers(channel, layers.iter()).map_err(|fault| days::unfit(channel, &fault))?;
-        let spans =
-            layers.iter().map(|layer| WindowShare { own: Some(layer.series.clone()), repeats: Vec::new() });
-        spans.into_iter().try_for_each(|share| change.touch(channel, &view, &share))?;
+        let (from, to) = layers.iter().fold((i64::MAX, i64::MIN), |(from, to), layer| {
+            (from.min(layer.series.from()), to.max(layer.series.to()))
+        });
+        change.cover(channel, &view, (from, to))?;
     }
     query("BEGIN").execute(&mut *connection).await?;
     days::write(connection, system, &change.over(&days::Days::default())?, 0).await?;
@@ -97,7 +101,7 @@ async fn take_window(
         given.insert(channel.to_owned(), share);
     }
     let (given, changed) = (PackedShares::new(given)?, change.over(&days)?);
-    let then = instant(uploaded_at).map_err(|error| corrupt("when a window came", &error))?;
+    let then = instant(uploaded_at)?;
     query("BEGIN").execute(&mut *connection).await?;
     shares::write(connection, window, &given, then).await?;
     if !changed.is_empty() {

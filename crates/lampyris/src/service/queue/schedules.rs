@@ -301,9 +301,14 @@ async fn due_here(service: &Service) -> Result<Duration, ServiceError> {
 /// Where the database fails.
 pub async fn due(service: &Service, now: Timestamp) -> Result<Duration, ServiceError> {
     let mut pause = LONGEST_SLEEP;
-    // Batches on whose way somebody has died.
-    if store::entering::go_on_with_all(&service.store, now).await? > 0 {
-        submit::entered(service);
+    match store::entering::go_on_with_all(&service.store, now).await {
+        Ok(0) => {}
+        Ok(_) => submit::entered(service),
+        // No schedule waits for a batch on whose way somebody has died.
+        Err(error) => {
+            let error = ServiceError::from(error);
+            tracing::error!(%error, "batches that were begun could not be gone on with");
+        }
     }
     for schedule in
         store::schedules::all(&service.store).await?.into_iter().filter(|schedule| schedule.enabled)
