@@ -41,6 +41,8 @@ pub enum JobEnd<'a> {
 pub struct JudgedFit {
     /// What was found.
     pub fit: Fit,
+    /// The fit and what the gate looked at, as their row has them.
+    pub packed: PackedFit,
     /// The uploaded windows that it cites.
     pub windows: Vec<String>,
     /// What the gate says.
@@ -101,11 +103,6 @@ pub async fn finish(
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
     failpoint::reached("before_finish");
-    // Packed before anybody waits for the transaction.
-    let packed = match ending {
-        JobEnd::Fitted(finding) => Some(PackedFit::new(&finding.fit, &finding.judgement.checks)?),
-        _ => None,
-    };
     // Whoever may take the job away, or touches what is said of its system, writes alone.
     let mut tx = store.write_beside().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
@@ -122,9 +119,9 @@ pub async fn finish(
     let counts = leased.own_model && !leased.experiment;
     // Whoever called it off was told so by a transaction before this one.
     let ending = if leased.cancelling { &JobEnd::Cancelled } else { ending };
-    let finished = match (ending, packed) {
-        (JobEnd::Fitted(finding), Some(packed)) => {
-            let mut finished = keep_fit(&mut tx, (lease, &leased), finding, packed, counts, now).await?;
+    let finished = match ending {
+        JobEnd::Fitted(finding) => {
+            let mut finished = keep_fit(&mut tx, (lease, &leased), finding, counts, now).await?;
             if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
                 finished.diagnosis = diagnoses::keep(
                     &mut tx,
@@ -156,8 +153,8 @@ pub async fn finish(
             .await?;
             finished
         }
-        (JobEnd::Tuned(tuned), _) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
-        (JobEnd::Failed(failure), _) => {
+        JobEnd::Tuned(tuned) => keep_tuning(&mut tx, lease, &leased, tuned, now).await?,
+        JobEnd::Failed(failure) => {
             query("UPDATE jobs SET state = 'failed', boot = NULL, error = $2, ended_at = $3 WHERE id = $1")
                 .bind(&lease.job)
                 .bind(to_json("a failure", failure)?)
@@ -169,7 +166,7 @@ pub async fn finish(
             }
             Finished::default()
         }
-        (JobEnd::Cancelled | JobEnd::Fitted(_), _) => {
+        JobEnd::Cancelled => {
             query("UPDATE jobs SET state = 'cancelled', boot = NULL, ended_at = $2 WHERE id = $1")
                 .bind(&lease.job)
                 .bind(millis(now))
@@ -233,11 +230,10 @@ async fn keep_fit(
     tx: &mut Session,
     (lease, leased): (&Lease, &Leased),
     finding: &JudgedFit,
-    packed: PackedFit,
     counts: bool,
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
-    let JudgedFit { fit, judgement, .. } = finding;
+    let JudgedFit { fit, judgement, packed, .. } = finding;
     let system = leased.system.as_str();
     let id = id_of("fit", &format!("{} {}", lease.job, lease.attempt));
     let sql = "INSERT INTO fits (id, job, system, model, document, replay, verdict, checks, summary, \
@@ -247,10 +243,10 @@ async fn keep_fit(
         .bind(&lease.job)
         .bind(system)
         .bind(&fit.model)
-        .bind(packed.document)
-        .bind(packed.replay)
+        .bind(&packed.document)
+        .bind(&packed.replay)
         .bind(judgement.verdict.as_str())
-        .bind(packed.checks)
+        .bind(&packed.checks)
         .bind(&judgement.summary)
         .bind(millis(now))
         .execute(&mut *tx)

@@ -126,19 +126,23 @@ struct Replay {
     covariance: Option<Covariance>,
 }
 
-/// A fit as its row has it.
+/// A fit as its row has it, compressed by whoever computed it and not while others wait.
 #[derive(Debug)]
-pub(super) struct PackedFit {
+pub struct PackedFit {
     /// What decides.
-    pub document: Vec<u8>,
+    pub(super) document: Vec<u8>,
     /// What the same search would find again.
-    pub replay: Vec<u8>,
+    pub(super) replay: Vec<u8>,
     /// What the gate has looked at.
-    pub checks: Vec<u8>,
+    pub(super) checks: Vec<u8>,
 }
 
 impl PackedFit {
-    pub(super) fn new(fit: &Fit, checks: &[CheckResult]) -> Result<Self, StoreError> {
+    /// Packs a fit and what the gate looked at.
+    ///
+    /// # Errors
+    /// Where one of their numbers cannot be written.
+    pub fn new(fit: &Fit, checks: &[CheckResult]) -> Result<Self, StoreError> {
         let mut rest = fit.clone();
         let replay = Replay { trace: std::mem::take(&mut rest.trace), covariance: rest.covariance.take() };
         Ok(Self {

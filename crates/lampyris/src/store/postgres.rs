@@ -49,7 +49,15 @@ const LONGEST: Duration = Duration::from_secs(65);
 #[folder = "../../migrations/postgres"]
 struct Files;
 
-static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(schema::migrator::<Files>);
+/// The driver's own lock is one of a session, which a pooler may hand to somebody else before it is released.
+static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
+    let mut migrations = schema::migrator::<Files>();
+    migrations.set_locking(false);
+    migrations
+});
+
+/// What a transaction that changes the schema locks; any number that nobody else uses.
+const SCHEMA_LOCK: i64 = 0x4c61_6d70_7972_6973;
 
 /// Ends a wait for a server that does not answer: the driver itself waits for ever.
 pub(super) async fn within<T>(work: impl Future<Output = Result<T, sqlx::Error>>) -> Result<T, sqlx::Error> {
@@ -72,10 +80,11 @@ pub(super) async fn open(url: &str) -> Result<PgPool, StoreError> {
         .acquire_timeout(PATIENCE)
         .connect_with(options(url)?)
         .await?;
-    let mut connection = pool.acquire().await?;
-    require_known(&mut connection).await?;
-    MIGRATIONS.run_direct(None, &mut *connection, false).await.map_err(StoreError::Migration)?;
-    drop(connection);
+    let mut tx = pool.begin().await?;
+    sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(SCHEMA_LOCK).execute(&mut *tx).await?;
+    require_known(&mut tx).await?;
+    MIGRATIONS.run_direct(None, &mut *tx, false).await.map_err(StoreError::Migration)?;
+    tx.commit().await?;
     Ok(pool)
 }
 

@@ -266,16 +266,10 @@ pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<Jo
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::store::entry::NewJob;
-    use crate::store::job::{JobKind, Origin, Priority};
+    use super::CLAIM;
     use crate::store::schema::MIGRATIONS;
-    use crate::store::{systems, workers};
-    use lampyris_core::data::SystemId;
     use sqlx::sqlite::SqliteConnectOptions;
     use sqlx::{AssertSqlSafe, ConnectOptions, Row as _};
-    use std::collections::BTreeMap;
-    use std::time::Duration;
 
     #[tokio::test]
     async fn a_claim_reads_one_waiting_job_of_a_tenant_however_many_there_are() {
@@ -288,58 +282,5 @@ mod tests {
         assert!(asked("SEARCH j USING INDEX jobs_waiting (tenant=?)"), "{plan:#?}");
         assert!(asked("SCAN t USING COVERING INDEX tenants_in_turn"), "{plan:#?}");
         assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:#?}");
-    }
-
-    /// A store in which these tenants submit so many jobs each, of as many rooms, one tenant after another;
-    /// everything that waits is then claimed. Gives the tenants in the order of their claims.
-    async fn claimed(crowds: &[(&str, usize, Priority)]) -> Vec<String> {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(&folder.path().join("turns.db").into(), None).await.unwrap();
-        let (now, model) = (Timestamp::UNIX_EPOCH, "rc1".parse().unwrap());
-        let mut of = BTreeMap::new();
-        for (tenant, rooms, priority) in crowds {
-            let mut jobs = Vec::new();
-            for room in 0..*rooms {
-                let system: SystemId = format!("room/{tenant}-{room}").parse().unwrap();
-                let by = ("test", None, now);
-                systems::put(&store, &system, (Some(&model), tenant), "{}", by, |_| true).await.unwrap();
-                of.insert(system.clone(), (*tenant).to_owned());
-                jobs.push(NewJob {
-                    kind: JobKind::Estimate,
-                    system,
-                    model: model.clone(),
-                    request: "{}".into(),
-                    experiment: false,
-                    origin: Origin::Posted,
-                    priority: *priority,
-                });
-            }
-            let mut tx = store.write().await.unwrap();
-            enter(&mut tx, &jobs, 1_000_000, now).await.unwrap();
-            tx.commit().await.unwrap();
-        }
-        let mut order = Vec::new();
-        let worker = workers::enlist(&store, ("test", "worker"), Duration::from_secs(30), now).await.unwrap();
-        while let Some(job) = claim(&store, worker, now).await.unwrap() {
-            order.push(of[&job.system].clone());
-        }
-        assert_eq!(order.len(), of.len());
-        order
-    }
-
-    #[tokio::test]
-    async fn ten_equal_tenants_get_equal_shares_whoever_came_first() {
-        let names: Vec<String> = (0..10).map(|tenant| format!("t{tenant}")).collect();
-        let crowds: Vec<_> = names.iter().map(|name| (name.as_str(), 20, Priority::Operator)).collect();
-        let order = claimed(&crowds).await;
-        let share = |name: &String| order[..100].iter().filter(|tenant| *tenant == name).count();
-        assert!(names.iter().all(|name| share(name) == 10), "{order:?}");
-    }
-
-    #[tokio::test]
-    async fn a_tenant_of_few_jobs_waits_for_one_of_a_tenant_of_many() {
-        let order = claimed(&[("many", 200, Priority::Nightly), ("few", 10, Priority::Interactive)]).await;
-        let places: Vec<usize> = (0..order.len()).filter(|place| order[*place] == "few").collect();
-        assert!(places.iter().enumerate().all(|(nth, place)| *place <= 2 * nth + 1), "{places:?}");
     }
 }

@@ -6,6 +6,7 @@ use lampyris::service::queue::retention;
 use lampyris::store::diagnoses::Report;
 use lampyris::store::entry::NewJob;
 use lampyris::store::finish::{JobEnd, JudgedFit, finish};
+use lampyris::store::fits::PackedFit;
 use lampyris::store::jobs::{JobKind, Origin, Priority};
 use lampyris::store::queue;
 use lampyris::store::{Store, fits, workers};
@@ -59,6 +60,7 @@ fn look(app: &mut TestApp, template: &Value, windows: &[(&str, &str, [f64; 2])])
                 effects,
             };
             let finding = JudgedFit {
+                packed: PackedFit::new(&fit, &[]).unwrap(),
                 fit: fit.clone(),
                 windows: Vec::new(),
                 judgement: Judgement {

@@ -45,5 +45,6 @@ mod support;
 mod systems;
 mod tokens;
 mod tuning;
+mod turns;
 mod web;
 mod windows;

@@ -1,13 +1,10 @@
 //! What very many jobs that wait cost those that are claimed.
 
 use super::Fleet;
-use super::support::full;
-use jiff::Timestamp;
-use lampyris::store::batches::{BatchKind, NewBatch};
-use lampyris::store::entry::NewJob;
-use lampyris::store::finish::JobEnd;
-use lampyris::store::jobs::{JobFailure, JobKind, Origin, Priority};
-use lampyris::store::{self, DatabasePlace, Store};
+use super::support::{full, stubs};
+use lampyris::store::batches::NewBatch;
+use lampyris::store::jobs::Priority;
+use lampyris::store::{DatabasePlace, Store};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -53,7 +50,7 @@ fn a_claim_costs_the_same_however_many_jobs_wait() {
 async fn waiting(store: &Arc<Store>, rooms: std::ops::Range<usize>) -> (Duration, Duration) {
     let batch = crowd(rooms, Priority::Nightly);
     let begun = Instant::now();
-    store::batches::submit(store, &batch, None, i64::MAX, Timestamp::now()).await.unwrap();
+    stubs::submit(store, &batch).await;
     let took = begun.elapsed();
     let mut best = Duration::MAX;
     for _ in 0..2 {
@@ -67,22 +64,7 @@ async fn waiting(store: &Arc<Store>, rooms: std::ops::Range<usize>) -> (Duration
 
 /// A job for each of these rooms.
 fn crowd(rooms: std::ops::Range<usize>, priority: Priority) -> NewBatch {
-    let job = |room: usize| NewJob {
-        kind: JobKind::Estimate,
-        system: format!("room/{room}").parse().unwrap(),
-        model: "rc1".parse().unwrap(),
-        request: "{}".into(),
-        experiment: false,
-        origin: Origin::Scheduled,
-        priority,
-    };
-    NewBatch {
-        kind: BatchKind::Recalibrate,
-        schedule: None,
-        request: "{}".into(),
-        jobs: rooms.map(job).collect(),
-        skipped: Vec::new(),
-    }
+    stubs::batch(rooms.map(|room| format!("room/{room}").parse().unwrap()), priority)
 }
 
 /// Seconds of the longest transaction until the end, as the server tells them.
@@ -111,10 +93,8 @@ fn tenants_take_turns_over_all_processes() {
         0, 0, CASE WHEN n < 10 THEN 'small' WHEN n < {many} + 10 THEN 'large' ELSE 'equal ' || n % 10 END FROM \
         generate_series(0, {many} + 2009) n"
     ));
-    let now = Timestamp::now();
     let submit = |rooms: std::ops::Range<usize>, priority| {
-        let batch = crowd(rooms, priority);
-        runtime.block_on(store::batches::submit(&store, &batch, None, i64::MAX, now)).unwrap();
+        runtime.block_on(stubs::submit(&store, &crowd(rooms, priority)));
     };
     submit(10..many + 10, Priority::Nightly);
     submit(0..10, Priority::Interactive);
@@ -156,15 +136,9 @@ async fn taken(store: &Arc<Store>, jobs: usize) -> Vec<(String, Duration)> {
 }
 
 async fn take(store: Arc<Store>, jobs: usize, taken: Arc<Mutex<Vec<(String, Duration)>>>) {
-    let failure = JobFailure { code: "stub".into(), detail: "no work".into(), errors: Vec::new() };
-    let name = ("a worker", "worker");
-    let worker =
-        store::workers::enlist(&store, name, Duration::from_secs(600), Timestamp::now()).await.unwrap();
+    let worker = stubs::enlist(&store, "a worker").await;
     for _ in 0..jobs {
-        let begun = Instant::now();
-        let job = store::queue::claim(&store, worker, Timestamp::now()).await.unwrap().unwrap();
-        taken.lock().unwrap().push((job.system.to_string(), begun.elapsed()));
-        let end = JobEnd::Failed(&failure);
-        store::finish::finish(&store, &job.lease().unwrap(), &end, Timestamp::now()).await.unwrap();
+        let (system, took) = stubs::claim_and_end(&store, worker).await.unwrap();
+        taken.lock().unwrap().push((system.to_string(), took));
     }
 }

@@ -2,11 +2,8 @@
 
 use super::Fleet;
 use super::support::process::{Process, verb};
-use super::support::{Client, full, quick, seeded};
-use lampyris::store::batches::{BatchKind, NewBatch};
-use lampyris::store::entry::NewJob;
-use lampyris::store::finish::JobEnd;
-use lampyris::store::jobs::{JobFailure, JobKind, Origin, Priority};
+use super::support::{Client, full, quick, seeded, stubs};
+use lampyris::store::jobs::Priority;
 use lampyris::store::{self, DatabasePlace, Store};
 use lampyris_core::data::SystemId;
 use serde_json::json;
@@ -83,6 +80,24 @@ fn many_workers_end_every_job_once() {
     drop(workers);
 }
 
+#[test]
+fn services_that_start_at_once_make_the_schema_once() {
+    let Some(fleet) = Fleet::new() else { return };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let opened: Vec<_> = (0..6)
+        .map(|_| {
+            let place = fleet.place.clone();
+            runtime.spawn(async move { Store::open(&place, None).await.map(drop) })
+        })
+        .collect();
+    for opening in opened {
+        runtime.block_on(opening).unwrap().unwrap();
+    }
+    let once = "SELECT (COUNT(*) = COUNT(DISTINCT version))::TEXT FROM _sqlx_migrations";
+    assert_eq!(fleet.rows(once), ["true"]);
+    assert_eq!(fleet.rows("SELECT COUNT(*)::TEXT FROM pg_locks WHERE locktype = 'advisory'"), ["0"]);
+}
+
 /// Jobs that are claimed and ended without any work in between, as fast as the database allows.
 #[test]
 fn the_queue_ends_every_job_once_and_never_runs_two_of_a_system() {
@@ -99,42 +114,22 @@ fn the_queue_ends_every_job_once_and_never_runs_two_of_a_system() {
 
 /// Submits jobs of systems, and has four processes of four threads each claim and end them; jobs a second.
 async fn drained(place: &DatabasePlace, jobs: usize, systems: usize) -> f64 {
-    let now = jiff::Timestamp::now();
     let store = Store::open(place, None).await.unwrap();
-    let model = "rc2".parse().unwrap();
     let names: Vec<SystemId> = (0..systems).map(|system| format!("room/{system}").parse().unwrap()).collect();
     for name in &names {
-        let by = ("test", None, now);
-        store::systems::put(&store, name, (Some(&model), ""), "{}", by, |_| true).await.unwrap();
+        stubs::put_room(&store, name, "").await;
     }
-    let new = |number: usize| NewJob {
-        kind: JobKind::Estimate,
-        system: names[number % systems].clone(),
-        model: model.clone(),
-        request: format!("{{\"seed\":{number}}}").into(),
-        experiment: false,
-        origin: Origin::Posted,
-        priority: Priority::Operator,
-    };
-    let batch = NewBatch {
-        kind: BatchKind::Recalibrate,
-        schedule: None,
-        request: "{}".into(),
-        jobs: (0..jobs).map(new).collect(),
-        skipped: Vec::new(),
-    };
+    let batch = stubs::batch((0..jobs).map(|number| names[number % systems].clone()), Priority::Operator);
     let begun = Instant::now();
-    store::batches::submit(&store, &batch, None, jobs as i64, now).await.unwrap();
+    stubs::submit(&store, &batch).await;
     println!("FLEET: {jobs} jobs submitted in {:?} (limit 5 s)", begun.elapsed());
     let begun = Instant::now();
     let mut workers = Vec::new();
     for process in 0..4 {
         let store = Arc::new(Store::open(place, None).await.unwrap());
-        let name = (format!("process {process}"), "worker");
-        let worker =
-            store::workers::enlist(&store, (&name.0, name.1), Duration::from_secs(600), now).await.unwrap();
+        let worker = stubs::enlist(&store, &format!("process {process}")).await;
         for _ in 0..4 {
-            workers.push(tokio::spawn(claim_and_end(store.clone(), worker)));
+            workers.push(tokio::spawn(ended_all(store.clone(), worker)));
         }
     }
     let mut ended = 0;
@@ -146,23 +141,20 @@ async fn drained(place: &DatabasePlace, jobs: usize, systems: usize) -> f64 {
     jobs as f64 / begun.elapsed().as_secs_f64()
 }
 
-async fn claim_and_end(store: Arc<Store>, worker: i64) -> usize {
-    let failure = JobFailure { code: "stub".into(), detail: "no work".into(), errors: Vec::new() };
+/// Ends jobs until none is left; gives how many.
+async fn ended_all(store: Arc<Store>, worker: i64) -> usize {
     let mut ended = 0;
     loop {
-        let now = jiff::Timestamp::now();
-        let Some(job) = store::queue::claim(&store, worker, now).await.unwrap() else {
-            // The jobs that are left are of systems of which one runs.
-            let left = store::metrics::queue(&store).await.unwrap();
-            if left.iter().all(|standing| standing.count == 0) {
-                return ended;
-            }
-            tokio::time::sleep(Duration::from_millis(2)).await;
+        if stubs::claim_and_end(&store, worker).await.is_some() {
+            ended += 1;
             continue;
-        };
-        let lease = job.lease().unwrap();
-        store::finish::finish(&store, &lease, &JobEnd::Failed(&failure), now).await.unwrap();
-        ended += 1;
+        }
+        // The jobs that are left are of systems of which one runs.
+        let left = store::metrics::queue(&store).await.unwrap();
+        if left.iter().all(|standing| standing.count == 0) {
+            return ended;
+        }
+        tokio::time::sleep(Duration::from_millis(2)).await;
     }
 }
 

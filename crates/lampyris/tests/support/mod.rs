@@ -7,6 +7,7 @@ pub mod events;
 pub mod process;
 pub mod rooms;
 pub mod schema;
+pub mod stubs;
 
 use lampyris::app::App;
 use lampyris::service::Clock;

@@ -4,6 +4,7 @@ use super::input::JobInput;
 use crate::service::catalogue::system::Mode;
 use crate::service::error::ServiceError;
 use crate::store::finish::JudgedFit;
+use crate::store::fits::PackedFit;
 use crate::store::jobs::JobFailure;
 use lampyris_core::data::Window;
 use lampyris_core::estimate::assess::degradation::{as_fitted, goes_on};
@@ -92,6 +93,7 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         state: current_state(&problem, &fit),
         incumbent_state: incumbent_state(input, &problem),
         automatic: input.system.policy.mode == Mode::Auto && !input.is_narrowed(),
+        packed: PackedFit::new(&fit, &judgement.checks).map_err(|error| failed(error.into()))?,
         fit,
         judgement,
         report: None,
