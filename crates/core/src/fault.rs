@@ -92,6 +92,11 @@ fn edit_distance(a: &str, b: &str) -> usize {
     row[b.len()]
 }
 
+/// A name as an error may show it: short, on one line.
+pub(crate) fn shown(name: &str) -> String {
+    name.chars().take(60).collect::<String>().escape_debug().to_string()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

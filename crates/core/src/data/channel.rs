@@ -158,6 +158,9 @@ pub(super) fn canonical_unit(text: &str) -> &str {
         "1" | "frac" | "0/1" => "-",
         "L" => "l",
         "W/m²" | "W/m^2" => "W/m2",
+        "m³/h" => "m3/h",
+        "m³/d" => "m3/d",
+        "Grad" | "°" => "deg",
         other => other,
     }
 }

@@ -2,14 +2,13 @@
 //! bindings such as `T_room=T_indoor_degC`.
 
 use indexmap::IndexMap;
-use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
+use super::bindings::ColumnBindings;
 use super::channel::{ChannelKind, KNOWN, canonical_unit, means_same_quantity};
 use super::role::{ColumnRole, marked};
-use crate::fault::{Fault, nearest};
+use crate::fault::{Fault, nearest, shown};
 use crate::units::Unit;
-use utoipa::ToSchema;
 
 /// More columns than any building automation export has; it bounds the work on a hostile header.
 pub(super) const MAX_COLUMNS: usize = 1_000;
@@ -77,13 +76,14 @@ impl ColumnHeader {
     /// Takes a header apart.
     ///
     /// A bracket is the last word: in `T_out_W[degC]` the `_W` belongs to the name. Without one a known
-    /// suffix is the unit and no part of the name. Only a role stands behind both, in parentheses.
+    /// suffix, or a known unit in parentheses, is the unit and no part of the name. Only a role stands behind
+    /// both, in parentheses.
     pub fn parse(header: &str) -> Self {
         let column = unshielded(header.trim());
         let (named, role) = marked(column);
         let (channel, unit) = match named.strip_suffix(']').and_then(|open| open.rsplit_once('[')) {
             Some((name, unit)) => (name.trim(), ColumnUnit::Stated(canonical_unit(unit.trim()).to_owned())),
-            None => match split_suffix(named) {
+            None => match split_suffix(named).or_else(|| split_parentheses(named)) {
                 Some((name, unit)) => (name, ColumnUnit::Stated(unit.to_owned())),
                 None if named.len() > RAW.len() && named.ends_with(RAW) => (named, ColumnUnit::Raw),
                 None => (named, ColumnUnit::Unstated),
@@ -92,9 +92,11 @@ impl ColumnHeader {
         Self { column: column.to_owned(), channel: channel.to_owned(), unit, role }
     }
 
-    /// Whether a binding to this name means this column: a role is no part of it.
+    /// Whether a binding to this name means this column: a role is no part of it, and a binding may state the
+    /// unit of a column that does not (`T_aussen[degC]`).
     pub fn is_named(&self, column: &str) -> bool {
-        self.column == column || marked(&self.column).0 == column || self.channel == column
+        let is = |name: &str| self.column == name || marked(&self.column).0 == name || self.channel == name;
+        is(column) || stated(column).is_some_and(|said| is(&said.channel))
     }
 
     /// A header whose unit is stated elsewhere (in the `channels` of a JSON window), so that the name stands
@@ -108,6 +110,12 @@ impl ColumnHeader {
             role: None,
         }
     }
+}
+
+/// A bound column that states a unit beside its name.
+fn stated(column: &str) -> Option<ColumnHeader> {
+    let said = ColumnHeader::parse(column);
+    (said.channel != column && matches!(said.unit, ColumnUnit::Stated(_))).then_some(said)
 }
 
 /// What spreadsheets take for the beginning of a formula.
@@ -132,71 +140,19 @@ fn unshielded(header: &str) -> &str {
         .unwrap_or(header)
 }
 
-fn split_suffix(column: &str) -> Option<(&str, &'static str)> {
+/// `Temperatur (°C)`: as other programs state units.
+fn split_parentheses(column: &str) -> Option<(&str, &str)> {
+    let (name, unit) = column.strip_suffix(')')?.rsplit_once('(')?;
+    let unit = canonical_unit(unit.trim());
+    let is_unit = !name.trim().is_empty() && unit.parse::<f64>().is_err() && Unit::parse(unit).is_ok();
+    is_unit.then_some((name.trim(), unit))
+}
+
+fn split_suffix(column: &str) -> Option<(&str, &str)> {
     SUFFIXES.iter().find_map(|(suffix, unit)| {
         let name = column.strip_suffix(suffix)?;
         (!name.is_empty()).then_some((name, *unit))
     })
-}
-
-/// Which column feeds which channel, where the names alone do not say it.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
-#[serde(transparent)]
-#[schema(as = Bindings)]
-pub struct ColumnBindings(IndexMap<String, String>);
-
-impl ColumnBindings {
-    /// No bindings: every column is taken for the channel of its name.
-    pub fn none() -> Self {
-        Self::default()
-    }
-
-    /// Reads bindings from texts `channel=column`.
-    ///
-    /// # Errors
-    /// One fault for every text without `=` or with an empty side, and for every channel that is bound twice.
-    pub fn parse<'a>(texts: impl IntoIterator<Item = &'a str>) -> Result<Self, Vec<Fault>> {
-        let mut bindings = Self::default();
-        let mut faults = Vec::new();
-        for text in texts {
-            match text.split_once('=').map(|(channel, column)| (channel.trim(), column.trim())) {
-                Some((channel, column)) if !channel.is_empty() && !column.is_empty() => {
-                    if bindings.0.insert(channel.to_owned(), column.to_owned()).is_some() {
-                        faults.push(Fault::new(
-                            "/bind",
-                            "bound-twice",
-                            format!("`{}` is bound twice", shown(channel)),
-                        ));
-                    }
-                }
-                _ => faults.push(
-                    Fault::new("/bind", "bad-binding", format!("`{}` is not a binding", shown(text)))
-                        .suggest("write channel=column, such as T_room=T_indoor_degC"),
-                ),
-            }
-        }
-        if faults.is_empty() { Ok(bindings) } else { Err(faults) }
-    }
-
-    /// Binds a channel to a column, in place of what it was bound to.
-    pub fn bind(&mut self, channel: impl Into<String>, column: impl Into<String>) {
-        self.0.insert(channel.into(), column.into());
-    }
-
-    /// The column that a channel is bound to.
-    pub fn column(&self, channel: &str) -> Option<&str> {
-        self.0.get(channel).map(String::as_str)
-    }
-
-    /// All pairs of channel and column, in the order in which they were bound.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.0.iter().map(|(channel, column)| (channel.as_str(), column.as_str()))
-    }
-
-    /// Whether nothing is bound.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
 }
 
 /// A channel that a window will have, and how its values come about.
@@ -240,7 +196,13 @@ pub(super) fn resolve(
         match exact.or_else(|| headers.iter().position(|header| header.is_named(column))) {
             Some(index) => {
                 bound[index] = true;
-                match target(index, channel, &headers[index], pointer, warnings) {
+                let header = match (&headers[index].unit, stated(column)) {
+                    (ColumnUnit::Unstated, Some(said)) => {
+                        ColumnHeader { unit: said.unit, ..headers[index].clone() }
+                    }
+                    _ => headers[index].clone(),
+                };
+                match target(index, channel, &header, pointer, warnings) {
                     Ok(found) => drop(targets.insert(channel.to_owned(), found)),
                     Err(fault) => faults.push(fault),
                 }
@@ -373,11 +335,6 @@ fn with_near(fault: Fault, near: Option<&str>) -> Fault {
     }
 }
 
-/// A name as an error may show it: short, on one line.
-pub(super) fn shown(name: &str) -> String {
-    name.chars().take(60).collect::<String>().escape_debug().to_string()
-}
-
 #[cfg(test)]
 mod tests {
     use super::{ColumnBindings, ColumnHeader, ColumnRole, ColumnUnit, SUFFIXES, Target, resolve};
@@ -421,6 +378,8 @@ mod tests {
         assert_eq!(parts("wind_speed_m_s"), stated("wind_speed", "m/s"));
         assert_eq!(parts("ventilation_valve_frac"), stated("ventilation_valve", "-"));
         assert_eq!(parts("T_out_W[degC]"), stated("T_out_W", "degC"));
+        assert_eq!(parts("Temperatur (°C)"), stated("Temperatur", "degC"));
+        assert_eq!(parts("Temperatur (innen)"), ("Temperatur (innen)".to_owned(), ColumnUnit::Unstated));
         assert_eq!(parts("heat_input_raw"), ("heat_input_raw".to_owned(), ColumnUnit::Raw));
         assert_eq!(parts("S_S"), ("S_S".to_owned(), ColumnUnit::Unstated));
         assert_eq!(parts("_W"), ("_W".to_owned(), ColumnUnit::Unstated));
@@ -446,6 +405,9 @@ mod tests {
         assert_eq!(names, [("T_room", "degC"), ("T_out", "degC"), ("P_heater", "kW"), ("ghi", "W/m2")]);
         let one_for_two = channels(&["T_a"], &["T_room=T_a", "T_forward=T_a"]).unwrap();
         assert_eq!(one_for_two.len(), 2);
+        let stated =
+            channels(&["Aussen", "Leistung"], &["T_out=Aussen[degF]", "P_heater=Leistung[W]"]).unwrap();
+        assert_eq!((stated[0].from_text.as_str(), stated[1].from_text.as_str()), ("degF", "W"));
         let raw = channels(&["heat_input_raw"], &["P_heater=heat_input_raw"]).unwrap();
         assert!(raw[0].kind.is_plausible(1e9));
         assert_eq!(raw[0].kind.unit, "kW");

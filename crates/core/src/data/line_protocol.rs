@@ -10,8 +10,8 @@
 use super::duration::{HOUR, MINUTE, SECOND};
 use std::borrow::Cow;
 
-use super::header::shown;
 use crate::fault::Fault;
+use crate::fault::shown;
 
 /// One line: fields that were measured at a time, with tags that say where.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,7 +1,7 @@
 //! Measurements: from the text that a user sends to columns on a common grid.
 //!
 //! ```text
-//! CSV or JSON --channel, stamp, parse, table--> Window --resample--> Grid --split--> train | validation | test
+//! CSV or JSON --dialect, channel, stamp, parse, table--> Window --resample--> Grid --split--> train | validation | test
 //!                                                 |                    ^
 //!                                     series: one block per channel    sun, calendar: computed columns
 //! ```
@@ -10,10 +10,13 @@
 //! |---|---|
 //! | `system` | `SystemId` (`room/4`) and the patterns that select several (`room/*`) |
 //! | `channel` | the known channels: unit, hold, plausible range |
-//! | `header` | column headers, bindings of columns to channels, the units of columns |
+//! | `header` | column headers and the units of columns |
+//! | `bindings` | which column a channel is taken from |
 //! | `stamp` | RFC 3339 time stamps |
+//! | `proposal` | what the columns of a file are probably, for somebody to confirm |
 //! | `role`, `parts` | columns that are no measurements, but forecasts, and both in one body |
 //! | `parse` | the CSV and the JSON form of a window |
+//! | `dialect` | how other programs write files, and those files in the form that `parse` reads |
 //! | `json_cell` | what a JSON window may have in its lists |
 //! | `table` | the rules for rows and cells: what is rejected, what is a fault |
 //! | `seconds` | lengths of time that documents count in seconds |
@@ -44,10 +47,12 @@
 //! Two invariants hold throughout. Times of a [`Series`] increase strictly and its values are finite; a
 //! [`Grid`] has a finite value at every index, and a mask that says which of them stand for a measurement.
 
+mod bindings;
 mod block;
 mod calendar;
 mod channel;
 mod computed;
+mod dialect;
 mod drops;
 mod duration;
 mod envelope;
@@ -61,6 +66,7 @@ mod line_protocol;
 mod pack;
 mod parse;
 mod parts;
+mod proposal;
 mod resample;
 mod role;
 mod seconds;
@@ -75,15 +81,17 @@ mod view;
 mod window;
 mod write;
 
+pub use bindings::ColumnBindings;
 pub use block::CorruptBlock;
 pub use calendar::{add_calendar, hour_of_day, local_zone};
 pub use channel::{ChannelKind, Hold, is_compass};
 pub use computed::{CALENDAR, COMPUTED, ComputedChannel, DROPS, SUN, is_computed};
+pub use dialect::{CsvDialect, DateForm, DecimalMark, DialectAsked, Recognised, recognise};
 pub use drops::add_drops;
 pub use duration::{BadDuration, DAY, Duration, HOUR, Length, MINUTE, SECOND};
 pub use envelope::{Envelope, Thinning};
 pub use grid::{Column, Grid};
-pub use header::{ColumnBindings, ColumnHeader, ColumnUnit};
+pub use header::{ColumnHeader, ColumnUnit};
 pub use influent::DRY_INFLUENT;
 pub use intake::ChannelIntake;
 pub use layout::{Layout, LayoutPair, LeftOut, NEIGHBOUR, Room, SAME_ROOM, Sensor, propose_layout};
@@ -91,6 +99,7 @@ pub use line_protocol::{FieldValue, LinePoint, LinePoints, TimePrecision, line_p
 pub use pack::{pack, unpack};
 pub use parse::WindowDocument;
 pub use parts::WindowParts;
+pub use proposal::{ColumnReading, FileReading, ProposedNeighbours, ProposedRoom, RejectedRows, read_file};
 pub use resample::{DEFAULT_MAX_GAP_STEPS, GridRequest};
 pub use role::ColumnRole;
 pub use seconds::Seconds;

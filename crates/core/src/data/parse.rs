@@ -5,13 +5,15 @@ use std::marker::PhantomData;
 
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 
-use super::header::{ColumnBindings, ColumnHeader, MAX_COLUMNS, resolve, shown};
+use super::bindings::ColumnBindings;
+use super::header::{ColumnHeader, MAX_COLUMNS, resolve};
 use super::json_cell::JsonCell;
 use super::parts::{ColumnPart, ReadPart, WindowParts};
 use super::role::ColumnRole;
 use super::table::{Cell, Place, Stamp, Table, is_no_value};
 use super::window::{Window, WindowReport};
 use crate::fault::Fault;
+use crate::fault::shown;
 use crate::schema::Instant;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, Object, ObjectBuilder, SchemaType, Type};
@@ -170,11 +172,12 @@ fn csv(text: &str, bindings: &ColumnBindings, part: ColumnPart) -> ReadPart {
     let names = data_headers.into_iter().map(|header| header.column).collect();
     let mut table = Table::new(names, targets, Place::Text, warnings);
     let mut record = csv::StringRecord::new();
+    let mut lines = LineCount::default();
     loop {
         match reader.read_record(&mut record) {
             Ok(false) => break,
             Ok(true) => {
-                let line = record.position().map_or(0, csv::Position::line);
+                let line = lines.at(text, reader.position().byte() as usize);
                 if record.len() == headers.len() {
                     let cell = |index: &usize| Cell::of_text(record.get(*index).unwrap_or_default());
                     if !others.is_empty() && data.iter().all(|index| cell(index).is_missing()) {
@@ -190,6 +193,24 @@ fn csv(text: &str, bindings: &ColumnBindings, part: ColumnPart) -> ReadPart {
         }
     }
     table.finish(faults).map(Some).map_err(limited)
+}
+
+/// Counts lines: the reader of CSV says where it began to look for a record, which may be on lines above that
+/// it passes over.
+#[derive(Default)]
+struct LineCount {
+    line: u64,
+    counted: usize,
+}
+
+impl LineCount {
+    /// The line of what ends here.
+    fn at(&mut self, text: &str, end: usize) -> u64 {
+        let end = text.as_bytes()[..end].trim_ascii_end().len().max(self.counted);
+        self.line += text.as_bytes()[self.counted..end].iter().filter(|byte| **byte == b'\n').count() as u64;
+        self.counted = end;
+        self.line + 1
+    }
 }
 
 /// Reads `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.

@@ -1,7 +1,8 @@
 //! The parts of a body: what was measured, and what is forecast. They stand in the same rows and are kept
 //! apart.
 
-use super::header::{ColumnBindings, ColumnHeader};
+use super::bindings::ColumnBindings;
+use super::header::ColumnHeader;
 use super::role::ColumnRole;
 use super::window::{Window, WindowReport};
 use crate::fault::Fault;

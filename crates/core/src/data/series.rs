@@ -5,8 +5,8 @@ use super::seconds::Seconds;
 use serde::{Deserialize, Serialize};
 
 use super::channel::{ChannelKind, Hold, canonical_unit};
-use super::header::shown;
 use crate::fault::Fault;
+use crate::fault::shown;
 use crate::units::Unit;
 use utoipa::ToSchema;
 

@@ -73,7 +73,7 @@ pub fn read_time(pointer: &str, text: &str) -> Result<i64, Fault> {
 
 /// A text without offset as it would read in UTC, for suggestions; a bare date means its first instant.
 pub(super) fn in_utc(text: &str) -> String {
-    let text = super::header::shown(text.trim());
+    let text = crate::fault::shown(text.trim());
     if text.contains(':') { format!("{text}Z") } else { format!("{text}T00:00:00Z") }
 }
 

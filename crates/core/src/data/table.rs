@@ -9,11 +9,12 @@
 use indexmap::IndexMap;
 
 use super::channel::canonical_unit;
-use super::header::{Target, shown};
+use super::header::Target;
 use super::series::Series;
 use super::stamp::{BadStamp, in_utc, read_stamp};
 use super::window::{RejectedRow, Window, WindowReport};
 use crate::fault::Fault;
+use crate::fault::shown;
 use crate::units::Unit;
 
 /// Rejected rows that a report lists one by one.

@@ -4,7 +4,9 @@ use super::document::{is_document, read_document};
 use super::output::{Failure, document_faults, faults};
 use crate::service::catalogue::models::check_model;
 use jiff::civil::Date;
-use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window};
+use lampyris_core::data::{
+    ColumnBindings, DateForm, DecimalMark, DialectAsked, Duration, SplitRequest, Window, recognise,
+};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, GatePolicy, Site};
 use lampyris_core::model::{Catalogue, ModelId};
@@ -15,7 +17,8 @@ const PLAIN_DATE: usize = 10;
 
 #[derive(Debug, clap::Args)]
 pub struct MeasuredArguments {
-    /// The measurements: a CSV with a `time` column (RFC 3339).
+    /// The measurements: a CSV with a column of times. Encoding, separator, decimal comma and dates are
+    /// recognised; times without offset are those of the zone.
     pub window: PathBuf,
     /// The model, such as room3, room2 or tite, or the file of a model document (.toml or .json), which is
     /// known to this run alone.
@@ -57,9 +60,16 @@ pub struct MeasuredArguments {
     /// Longitude in degrees.
     #[arg(long, requires = "lat", allow_hyphen_values = true)]
     lon: Option<f64>,
-    /// IANA time zone, for models and effects that read the clock on the wall; UTC by default.
+    /// IANA time zone, for models and effects that read the clock on the wall, and for times in the file that
+    /// have no offset; UTC by default for the former.
     #[arg(long)]
     zone: Option<String>,
+    /// The mark before decimals in the file, where it cannot be recognised: point or comma.
+    #[arg(long)]
+    decimal: Option<DecimalMark>,
+    /// The form of the dates in the file, where days and months could change places: day_first, month_first.
+    #[arg(long)]
+    dates: Option<DateForm>,
     /// Step of the fit, such as PT4S or PT0.01S; that of the first output by default, but at least a minute.
     #[arg(long)]
     step: Option<Duration>,
@@ -93,11 +103,17 @@ impl MeasuredArguments {
     /// Reads the file; what it warns of goes to standard error.
     pub fn read(&self) -> Result<Window, Failure> {
         let path = self.window.display();
-        let text = std::fs::read_to_string(&self.window)
-            .map_err(|error| Failure::NotFound(format!("{path}: {error}")))?;
+        let body =
+            std::fs::read(&self.window).map_err(|error| Failure::NotFound(format!("{path}: {error}")))?;
+        let asked =
+            DialectAsked { zone: self.zone.clone(), decimal: self.decimal, dates: self.dates, only: None };
+        let found = recognise(&body, &asked).map_err(|found| faults(&found))?;
         let bindings =
             ColumnBindings::parse(self.bind.iter().map(String::as_str)).map_err(|found| faults(&found))?;
-        let (window, report) = Window::parse_csv(&text, &bindings).map_err(|found| faults(&found))?;
+        let (window, report) = Window::parse_csv(&found.text, &bindings).map_err(|found| faults(&found))?;
+        if let Some(summary) = found.dialect.and_then(|dialect| dialect.summary()) {
+            eprintln!("{summary}");
+        }
         for warning in &report.warnings {
             eprintln!("warning: {warning}");
         }

@@ -2,7 +2,7 @@
 
 use super::output::Failure;
 use super::pages::{self, Page};
-use super::server::{Call, Server};
+use super::server::{Call, Server, segment};
 use super::table::{self, Column};
 use lampyris_core::data::SystemId;
 use serde_json::Value;
@@ -31,8 +31,17 @@ enum Verb {
     Upload {
         /// The system, such as room/4.
         system: SystemId,
-        /// CSV (`time,T_room[degC],…`), or JSON where the name says so.
+        /// CSV (`time,T_room[degC],…`, or as other programs write it), or JSON where the name says so.
         file: PathBuf,
+        /// The IANA zone of times without offset in a CSV; that of the system by default.
+        #[arg(long)]
+        zone: Option<String>,
+        /// The mark before decimals, where it cannot be recognised: point or comma.
+        #[arg(long)]
+        decimal: Option<String>,
+        /// The form of the dates, where days and months could change places: day_first, month_first.
+        #[arg(long)]
+        dates: Option<String>,
     },
     /// List the windows of a system, newest first. Exit code 3 where there are none.
     List {
@@ -46,7 +55,7 @@ enum Verb {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let server = &arguments.server;
     match &arguments.verb {
-        Verb::Upload { system, file } => {
+        Verb::Upload { system, file, zone, decimal, dates } => {
             let bytes = std::fs::read(file)
                 .map_err(|error| Failure::NotFound(format!("{}: {error}", file.display())))?;
             let kind = if file.extension().is_some_and(|kind| kind == "json") {
@@ -55,7 +64,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 "text/csv"
             };
             let call = Call { body: Some((kind, bytes)), ..Call::default() };
-            server.show(&server.call("POST", &format!("/systems/{system}/windows"), call)?, describe);
+            let said = [("zone", zone), ("decimal", decimal), ("dates", dates)];
+            let said: Vec<String> = said
+                .iter()
+                .filter_map(|(name, value)| Some(format!("{name}={}", segment(value.as_deref()?))))
+                .collect();
+            let path = format!("/systems/{system}/windows?{}", said.join("&"));
+            server.show(&server.call("POST", path.trim_end_matches('?'), call)?, describe);
             Ok(())
         }
         Verb::List { system, page } => {

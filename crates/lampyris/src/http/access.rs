@@ -100,6 +100,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("get_prometheus", Some(Admin), Several),
     ("put_prometheus", Some(Admin), Several),
     ("propose_layout", Some(Read), Several),
+    ("recognise_window", Some(Read), Several),
     ("list_models", Some(Read), Several),
     ("get_model", Some(Read), Several),
     ("get_equations", Some(Read), Several),

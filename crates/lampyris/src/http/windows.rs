@@ -8,14 +8,16 @@ use super::problem::{ApiError, Problems};
 use super::shared::Shared;
 use crate::service::catalogue::forecasts::{self, TakenIssue, TakenParts};
 use crate::service::catalogue::systems;
-use crate::service::catalogue::windows::{self, Format};
+use crate::service::catalogue::windows::{self, BodyAsked, Format};
 use crate::store;
 use crate::store::windows::WindowRecord;
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use lampyris_core::data::{ColumnRole, SystemId, WindowDocument, WindowReport};
+use lampyris_core::data::{
+    ColumnRole, DateForm, DecimalMark, DialectAsked, FileReading, SystemId, WindowDocument, WindowReport,
+};
 use lampyris_core::schema::Csv;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -24,7 +26,10 @@ use utoipa_axum::routes;
 
 /// The paths of this file.
 pub fn router() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(post_window, list_windows)).routes(routes!(get_window, delete_window))
+    OpenApiRouter::new()
+        .routes(routes!(post_window, list_windows))
+        .routes(routes!(get_window, delete_window))
+        .routes(routes!(recognise_window))
 }
 
 /// A window: not its samples, but what was found in them.
@@ -102,13 +107,78 @@ fn shown(window: WindowRecord, again: bool) -> WindowAnswer {
     }
 }
 
-/// What the columns of a body are.
+/// What is said of a body, beside the body.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct RoleQuery {
-    /// That of columns which say nothing of it: `forecast` takes the whole body as a forecast of inputs.
+struct UploadQuery {
+    /// What columns are that say nothing of it: `forecast` takes the whole body as a forecast of inputs.
     role: Option<ColumnRole>,
+    /// The IANA zone of times without offset in a CSV; that of the system where it is not said.
+    zone: Option<String>,
+    /// The mark before decimals in a CSV, where it cannot be recognised.
+    decimal: Option<DecimalMark>,
+    /// The form of the dates in a CSV, where days and months could change places.
+    dates: Option<DateForm>,
+    /// Which columns of a CSV count; all of them by default.
+    columns: Option<WhichColumns>,
+}
+
+/// Which columns of a file are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum WhichColumns {
+    /// All of them.
+    All,
+    /// Those that the system binds, as where several rooms share a file.
+    Bound,
+}
+
+impl UploadQuery {
+    fn asked(self) -> BodyAsked {
+        let Self { role, zone, decimal, dates, columns } = self;
+        let dialect = DialectAsked { zone, decimal, dates, only: None };
+        BodyAsked { role, dialect, bound_only: columns == Some(WhichColumns::Bound) }
+    }
+}
+
+/// How a file would be read.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct ReadingQuery {
+    /// The IANA zone of times without offset.
+    zone: Option<String>,
+    /// The mark before decimals.
+    decimal: Option<DecimalMark>,
+    /// The form of the dates.
+    dates: Option<DateForm>,
+}
+
+/// Says how a CSV file would be read, and proposes what its columns are. Nothing is stored.
+///
+/// Encoding, separator, decimal comma and form of the dates are recognised; `asks` names what the file leaves
+/// open. Channels and units are proposed from names and values; where several rooms share the file, so are
+/// they and their neighbours.
+#[utoipa::path(
+    post,
+    path = "/windows/recognise",
+    tag = "windows",
+    params(ReadingQuery),
+    request_body(content((Csv = "text/csv"))),
+    responses((status = 200, description = "How it is read; nothing is stored", body = FileReading), Problems)
+)]
+async fn recognise_window(
+    State(_): State<Shared>,
+    Asked(query): Asked<ReadingQuery>,
+    raw: Raw,
+) -> Result<axum::Json<FileReading>, ApiError> {
+    if format(&raw)? != Format::Csv {
+        return Err(ApiError::MediaType("text/csv"));
+    }
+    let ReadingQuery { zone, decimal, dates } = query;
+    let asked = DialectAsked { zone, decimal, dates, only: None };
+    Ok(axum::Json(windows::reading(raw.body, asked).await?))
 }
 
 /// Takes measurements. The same content again is the same window.
@@ -119,6 +189,9 @@ struct RoleQuery {
 /// Columns whose role is `forecast` (`roles` in JSON, `T_out[degC](forecast)` in the header of a CSV text, or
 /// `?role=forecast` for all) are forecasts of inputs, of up to ten days ahead. They are kept apart from
 /// measurements: no fit sees them. The newest issue counts from its first sample to its last.
+///
+/// A CSV may be written as other programs do: encoding, separator, decimal comma and form of the dates are
+/// recognised, and its first warning says how it was read.
 #[utoipa::path(
     post,
     path = "/systems/{kind}/{id}/windows",
@@ -126,7 +199,7 @@ struct RoleQuery {
     params(
         ("kind" = String, Path),
         ("id" = String, Path),
-        RoleQuery,
+        UploadQuery,
         ("Idempotency-Key" = Option<String>, Header)
     ),
     request_body(content((WindowDocument = "application/json"), (Csv = "text/csv"))),
@@ -144,11 +217,12 @@ struct RoleQuery {
 async fn post_window(
     State(service): State<Shared>,
     Named(system): Named,
-    Asked(query): Asked<RoleQuery>,
+    Asked(query): Asked<UploadQuery>,
     raw: Raw,
 ) -> Result<Response, ApiError> {
     let format = format(&raw)?;
-    let taken = forecasts::take(&service, &system, (format, query.role), raw.body, raw.key.as_ref()).await?;
+    let taken =
+        forecasts::take(&service, &system, (format, query.asked()), raw.body, raw.key.as_ref()).await?;
     let issue = |issue: TakenIssue| With {
         own: IssueName { system: system.clone(), issued_at: issue.issued_at },
         document: issue.report,

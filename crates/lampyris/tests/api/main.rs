@@ -18,6 +18,7 @@ mod faults;
 mod fits;
 mod forecast;
 mod forecast_inputs;
+mod foreign_files;
 mod hostile;
 mod influx;
 mod jobs;

@@ -67,11 +67,17 @@ fn every_kind_of_time_is_kept_in_utc_or_refused_by_name() {
         (&json!(4), &json!(30 * 86_400)),
         "{report}"
     );
+    // Seconds and milliseconds since 1970 are no other times.
+    for (times, from) in [
+        (["1780444800", "1780445400"], "2026-06-03T00:00:00Z"),
+        (["1780531200000", "1780531800000"], "2026-06-04T00:00:00Z"),
+    ] {
+        assert_eq!(post(&app, &times).expect(201).json()["from"], from);
+    }
     let refused = [
         (["2026-06-01T00:00:00", "2026-06-01T00:10:00"], "naive-time"),
         (["2026-03-29T02:30:00", "2026-03-29T03:00:00"], "naive-time"),
-        (["1780272000", "1780272600"], "numeric-time"),
-        (["1780272000000", "1780272600000"], "numeric-time"),
+        (["17802.5", "17802.6"], "numeric-time"),
         (["0001-01-01T00:00:00Z", "0001-01-01T00:10:00Z"], "rejected-rows"),
         (["9999-01-01T00:00:00Z", "9999-01-01T00:10:00Z"], "rejected-rows"),
         (["2026-13-01T00:00:00Z", "2026-02-30T00:10:00Z"], "rejected-rows"),

@@ -2,7 +2,7 @@
 //! them: no fit, comparison or chart ever sees it.
 
 use super::systems;
-use super::windows::{self, Format, TakenWindow};
+use super::windows::{self, BodyAsked, Format, TakenWindow};
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
@@ -10,7 +10,7 @@ use crate::store;
 use crate::store::forecast_inputs::{self, IssueWritten, KeptInput};
 use crate::store::idempotency::RequestKey;
 use jiff::Timestamp;
-use lampyris_core::data::{ColumnRole, Duration, Series, SystemId, Window, WindowReport, rfc3339};
+use lampyris_core::data::{Duration, Series, SystemId, Window, WindowReport, rfc3339};
 use lampyris_core::estimate::forecast::LONGEST;
 use lampyris_core::fault::Fault;
 
@@ -37,19 +37,20 @@ pub struct TakenIssue {
     pub report: WindowReport,
 }
 
-/// Takes measurements and forecasts of a system; columns that say nothing of their role have `unmarked`.
+/// Takes measurements and forecasts of a system.
 ///
 /// # Errors
 /// Every fault of the body, an unknown system, or where the database fails.
 pub async fn take(
     service: &Service,
     system: &SystemId,
-    (format, unmarked): (Format, Option<ColumnRole>),
+    (format, asked): (Format, BodyAsked),
     body: impl AsRef<[u8]> + Send + 'static,
     key: Option<&RequestKey>,
 ) -> Result<TakenParts, ServiceError> {
-    let bindings = systems::require(service, system).await?.columns();
-    let parts = blocking(move || windows::read_parts(format, body.as_ref(), &bindings, unmarked)).await??;
+    let document = systems::require(service, system).await?;
+    let (bindings, asked) = (document.columns(), asked.for_system(&document));
+    let parts = blocking(move || windows::read_parts(format, body.as_ref(), &bindings, &asked)).await??;
     let mut faults = Vec::new();
     if let Some((window, _)) = &parts.measured {
         faults.extend(windows::faults(service, system, window).await?);

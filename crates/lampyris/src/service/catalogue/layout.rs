@@ -1,6 +1,6 @@
 //! Proposes the layout of a building. Nothing is kept: neither the measurements nor the proposal.
 
-use super::windows::{Format, read};
+use super::windows::{BodyAsked, Format, read};
 use crate::service::error::ServiceError;
 use crate::service::threads::blocking;
 use lampyris_core::data::{ColumnBindings, Layout, propose_layout};
@@ -23,7 +23,7 @@ pub async fn propose(
     body: impl AsRef<[u8]> + Send + 'static,
 ) -> Result<Proposal, ServiceError> {
     let work = move || {
-        let (window, report) = read(format, body.as_ref(), &ColumnBindings::none())?;
+        let (window, report) = read(format, body.as_ref(), &ColumnBindings::none(), &BodyAsked::default())?;
         let mut warnings = report.warnings;
         if let Some(first) = report.rejected_rows.first() {
             warnings.push(format!(

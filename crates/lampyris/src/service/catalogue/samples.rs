@@ -2,7 +2,7 @@
 //! later.
 
 use super::systems;
-use super::windows::{self, Format};
+use super::windows::{self, BodyAsked, Format};
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::threads::blocking;
@@ -156,15 +156,16 @@ pub enum SamplesSent {
 /// # Errors
 /// Every fault of the body, an unknown system, or where the database fails.
 pub async fn read(service: &Service, system: &SystemId, body: SamplesSent) -> ReadSamples {
-    let columns = systems::require(service, system).await?.columns();
+    let document = systems::require(service, system).await?;
+    let (columns, asked) = (document.columns(), BodyAsked::default().for_system(&document));
     let now = service.now();
     blocking(move || {
         let read = match body {
             SamplesSent::Json(body) => {
                 let document = body.into_window(now).to_string();
-                windows::read(Format::Json, document.as_bytes(), &columns)
+                windows::read(Format::Json, document.as_bytes(), &columns, &asked)
             }
-            SamplesSent::Csv(text) => windows::read(Format::Csv, &text, &columns),
+            SamplesSent::Csv(text) => windows::read(Format::Csv, &text, &columns, &asked),
         }?;
         require_past(&read.0, now)?;
         Ok(read)

@@ -2,6 +2,7 @@
 
 use super::lay::{self, Arriving};
 use super::open;
+use super::system::SystemDocument;
 use super::systems;
 use crate::service::decode::{self, Read, Unread};
 use crate::service::error::{Refusal, ServiceError};
@@ -14,13 +15,12 @@ use crate::store::uploads::{self, Upload, UploadPlace, Written};
 use crate::store::windows::{self, Rebuilt, WindowDeletion, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{
-    ChannelKind, ColumnBindings, ColumnHeader, ColumnRole, DAY, SystemId, Window, WindowDocument,
-    WindowParts, WindowReport, rfc3339,
+    ChannelKind, ColumnBindings, ColumnHeader, ColumnRole, DAY, DialectAsked, FileReading, SystemId, Window,
+    WindowDocument, WindowParts, WindowReport, read_file, recognise, rfc3339,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::units::Unit;
 use serde_json::Value;
-use std::str::Utf8Error;
 use std::sync::Arc;
 
 /// How far ahead of the service's clock measurements may be.
@@ -62,8 +62,9 @@ pub async fn take(
     body: impl AsRef<[u8]> + Send + 'static,
     key: Option<&RequestKey>,
 ) -> Result<TakenWindow, ServiceError> {
-    let bindings = systems::require(service, system).await?.columns();
-    let read = blocking(move || read(format, body.as_ref(), &bindings)).await??;
+    let document = systems::require(service, system).await?;
+    let (bindings, asked) = (document.columns(), BodyAsked::default().for_system(&document));
+    let read = blocking(move || read(format, body.as_ref(), &bindings, &asked)).await??;
     let faults = faults(service, system, &read.0).await?;
     if !faults.is_empty() {
         return Err(ServiceError::Faults(faults));
@@ -286,31 +287,95 @@ fn window_id(identity: &str) -> String {
     format!("win_{}", &blake3::hash(identity.as_bytes()).to_hex()[..20])
 }
 
+/// What a sender says of a body, beside the body.
+#[derive(Debug, Clone, Default)]
+pub struct BodyAsked {
+    /// What columns are that say nothing of their role.
+    pub role: Option<ColumnRole>,
+    /// How a CSV is written, where it does not say it itself.
+    pub dialect: DialectAsked,
+    /// Whether only columns count that the system binds.
+    pub bound_only: bool,
+}
+
+impl BodyAsked {
+    /// The same for a system: its zone where no other is said, and its columns where only those count.
+    #[must_use]
+    pub(super) fn for_system(self, system: &SystemDocument) -> Self {
+        let only =
+            self.bound_only.then(|| system.columns().iter().map(|(_, column)| column.to_owned()).collect());
+        let zone = self.dialect.zone.or_else(|| system.site().zone);
+        Self { dialect: DialectAsked { zone, only, ..self.dialect }, ..self }
+    }
+}
+
+/// How a CSV file would be read.
+///
+/// # Errors
+/// Where there is no table in it.
+pub async fn reading(
+    body: impl AsRef<[u8]> + Send + 'static,
+    asked: DialectAsked,
+) -> Result<FileReading, ServiceError> {
+    blocking(move || read_file(body.as_ref(), &asked).map_err(ServiceError::Faults)).await?
+}
+
 /// Parses the measurements of a body.
 pub(super) fn read(
     format: Format,
     body: &[u8],
     bindings: &ColumnBindings,
+    asked: &BodyAsked,
 ) -> Result<(Window, WindowReport), ServiceError> {
     let forecasts = || vec![Fault::new("header", "no-data-column", "all columns are forecasts")];
-    read_parts(format, body, bindings, None)?.measured.ok_or_else(|| ServiceError::Faults(forecasts()))
+    read_parts(format, body, bindings, asked)?.measured.ok_or_else(|| ServiceError::Faults(forecasts()))
 }
 
-/// Parses a body, whose columns without a role have `unmarked`. A column that the system binds may be absent:
-/// not every file has every channel. The report says so, because a slip in a binding looks the same.
+/// Parses a body. A column that the system binds may be absent: not every file has every channel. The report
+/// says so, because a slip in a binding looks the same.
 pub(super) fn read_parts(
     format: Format,
     body: &[u8],
     bindings: &ColumnBindings,
-    unmarked: Option<ColumnRole>,
+    asked: &BodyAsked,
 ) -> Result<WindowParts, ServiceError> {
-    let faults = match parse(format, body, bindings, unmarked) {
+    let role = asked.role;
+    if format == Format::Json {
+        return with_absent(
+            bindings,
+            || json_columns(body),
+            |bindings| {
+                WindowParts::parse_json(body, bindings, role)
+                    .map_err(|faults| unreadable(body, bindings, role, faults))
+            },
+        );
+    }
+    let found = recognise(body, &asked.dialect).map_err(ServiceError::Faults)?;
+    let mut parts = with_absent(
+        bindings,
+        || csv_columns(&found.text),
+        |bindings| WindowParts::parse_csv(&found.text, bindings, role).map_err(ServiceError::Faults),
+    )?;
+    if let Some(summary) = found.dialect.and_then(|dialect| dialect.summary()) {
+        let reports = [&mut parts.measured, &mut parts.forecast].into_iter().flatten();
+        reports.for_each(|(_, report)| report.warnings.insert(0, summary.clone()));
+    }
+    Ok(parts)
+}
+
+/// Parses with the bindings whose columns are there, and warns of the others.
+fn with_absent(
+    bindings: &ColumnBindings,
+    columns: impl Fn() -> Vec<ColumnHeader>,
+    parse: impl Fn(&ColumnBindings) -> Result<WindowParts, ServiceError>,
+) -> Result<WindowParts, ServiceError> {
+    let faults = match parse(bindings) {
         Err(ServiceError::Faults(faults)) if faults.iter().any(|fault| fault.code == "unknown-column") => {
             faults
         }
         other => return other,
     };
-    let columns = columns(format, body);
+    let columns = columns();
     let (there, absent): (Vec<_>, Vec<_>) =
         bindings.iter().partition(|(_, column)| columns.iter().any(|header| header.is_named(column)));
     if absent.is_empty() {
@@ -318,34 +383,13 @@ pub(super) fn read_parts(
     }
     let mut present = ColumnBindings::none();
     there.into_iter().for_each(|(channel, column)| present.bind(channel, column));
-    let mut parts = parse(format, body, &present, unmarked)?;
+    let mut parts = parse(&present)?;
     if let Some((_, report)) = &mut parts.measured {
         report.warnings.extend(absent.into_iter().map(|(channel, column)| {
             format!("`{channel}` is bound to a column `{column}` that this window does not have")
         }));
     }
     Ok(parts)
-}
-
-fn parse(
-    format: Format,
-    body: &[u8],
-    bindings: &ColumnBindings,
-    unmarked: Option<ColumnRole>,
-) -> Result<WindowParts, ServiceError> {
-    match format {
-        Format::Json => WindowParts::parse_json(body, bindings, unmarked)
-            .map_err(|faults| unreadable(body, bindings, unmarked, faults)),
-        Format::Csv => {
-            let not_text = |error: Utf8Error| {
-                vec![Fault::new("csv", "not-utf8", format!("byte {} is no UTF-8", error.valid_up_to()))]
-            };
-            std::str::from_utf8(body)
-                .map_err(not_text)
-                .and_then(|text| WindowParts::parse_csv(text, bindings, unmarked))
-                .map_err(ServiceError::Faults)
-        }
-    }
 }
 
 /// All that is wrong with a JSON window whose form is wrong: the parser of large bodies stops at the first.
@@ -371,27 +415,17 @@ fn unreadable(
     }
 }
 
-/// The columns of a body that is well-formed enough to have some.
-fn columns(format: Format, body: &[u8]) -> Vec<ColumnHeader> {
-    match format {
-        Format::Csv => {
-            let text = String::from_utf8_lossy(body);
-            let line = text
-                .lines()
-                .find(|line| !line.trim().is_empty() && !line.starts_with('#'))
-                .unwrap_or_default();
-            line.split([',', ';', '\t'])
-                .map(|cell| ColumnHeader::parse(cell.trim().trim_matches('"')))
-                .collect()
-        }
-        Format::Json => {
-            let document: Value = serde_json::from_slice(body).unwrap_or_default();
-            let values = document.get("values").and_then(Value::as_object);
-            values
-                .into_iter()
-                .flat_map(|values| values.keys())
-                .map(|name| ColumnHeader::parse(name))
-                .collect()
-        }
-    }
+/// The columns of a CSV that is well-formed enough to have some.
+fn csv_columns(text: &str) -> Vec<ColumnHeader> {
+    let line =
+        text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
+    let cells = line.split([',', ';', '\t']);
+    cells.map(|cell| ColumnHeader::parse(cell.trim().trim_matches('"'))).collect()
+}
+
+/// Those of a JSON window.
+fn json_columns(body: &[u8]) -> Vec<ColumnHeader> {
+    let document: Value = serde_json::from_slice(body).unwrap_or_default();
+    let values = document.get("values").and_then(Value::as_object);
+    values.into_iter().flat_map(|values| values.keys()).map(|name| ColumnHeader::parse(name)).collect()
 }

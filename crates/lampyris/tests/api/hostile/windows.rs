@@ -58,7 +58,11 @@ fn csv_mutations() -> Vec<Mutation<Csv>> {
     let blind =
         |area, faults, apply: fn(&mut Csv)| Mutation { area, hides: &["rows", "values"], faults, apply };
     vec![
-        blind("head time", &[("line 1", "no-time-column")], |csv| csv.header[0] = "when".into()),
+        // Whatever its name is, a first column of times is one.
+        blind("head time", &[("line 1", "no-time-column")], |csv| {
+            csv.header[0] = "when".into();
+            csv.rows.iter_mut().for_each(|row| row[0].insert_str(0, "at "));
+        }),
         blind("head time", &[("line 1", "duplicate-column")], |csv| {
             csv.header.push("timestamp".into());
             csv.rows.iter_mut().for_each(|row| row.push(row[0].clone()));
