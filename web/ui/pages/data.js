@@ -20,7 +20,7 @@ export function Data({ system, document, query, reload, changed }) {
     reload();
   };
   return html`
-    <${Upload} system=${system} document=${document} done=${done} open=${windows.data?.length === 0} />
+    <${Upload} system=${system} document=${document} done=${done} changed=${changed} open=${windows.data?.length === 0} />
     <${Shown} of=${windows} what="the measurements"
       empty=${html`<${Empty} title="No measurements yet"><p>Upload a CSV file above; its first column is the time.</p></${Empty}>`}
       show=${list => html`
