@@ -194,6 +194,43 @@ export async function edges(chrome, { base, port }) {
     holds(text.startsWith('time,') && text.split('\n').length > 600, text.slice(0, 80));
   });
 
+  await test(chrome, 'a_thinned_chart_gives_every_sample_as_well', {}, async page => {
+    const [fit] = (await ask(base, '/fits?system=room/3&page_size=1')).items;
+    const { samples } = await ask(base, `/fits/${fit.id}/comparison?max_points=2`);
+    await page.goto(`${base}/ui/systems/room/3?fit=${fit.id}`);
+    const rowsOf = async name => {
+      const saving = page.waitForEvent('download');
+      await page.getByRole('button', { name }).click();
+      return readFileSync(await (await saving).path(), 'utf8').trim().split('\n').length - 1;
+    };
+    const [thinned, all] = [await rowsOf('CSV, thinned'), await rowsOf('CSV, all samples')];
+    holds(thinned <= 2000 && all === samples && all > thinned, `${thinned} and ${all} of ${samples} samples`);
+  });
+
+  await test(chrome, 'two_fits_are_judged_on_the_same_samples_of_what_is_shown', {}, async page => {
+    const [one, other] = (await ask(base, '/fits?system=room/5')).items.filter(({ metrics }) => metrics.T_room);
+    const { from } = one.parts.validation;
+    const to = new Date(Date.parse(from) + 3 * 86_400_000).toISOString().replace('.000Z', 'Z');
+    await page.goto(`${base}/ui/systems/room/5?fit=${one.id}&with=${other.id}&from=${from}&to=${to}`);
+    const table = page.getByRole('region', { name: 'Errors of this view' });
+    await table.getByText('only samples that both fits have').waitFor();
+    const rows = (await table.locator('tbody tr').allInnerTexts()).map(row => row.split('\t'));
+    const { errors } = await ask(base, `/compare?fits=${one.id},${other.id}&from=${from}&to=${to}&max_points=1`);
+    const told = errors.filter(({ horizon }) => horizon === 'free_run');
+    holds(rows.length === told.length && rows.length >= 2, rows.join('\n'));
+    holds(rows.every((row, at) => Number(row[2]) === told[at].n && told[at].n <= 73), rows.join('\n'));
+  });
+
+  for (const scheme of ['light', 'dark'])
+    await test(chrome, `a_pressed_button_can_be_read_under_the_pointer_in_${scheme}`, { scheme }, async page => {
+      await page.goto(`${base}/ui/systems/room/5`);
+      const button = page.getByRole('button', { name: 'Free run', pressed: true });
+      await button.hover();
+      const [letters, ground] = await button.evaluate(part => [getComputedStyle(part).color, getComputedStyle(part).backgroundColor].map(
+        text => text.match(/\d+/g).slice(0, 3).reduce((sum, value) => sum + Number(value), 0) / 765));
+      holds(Math.abs(letters - ground) > 0.6, `${letters} on ${ground}`);
+    });
+
   await test(chrome, 'every_chart_gives_a_picture_of_itself', {}, async page => {
     const channels = text => [1, 3, 5].map(at => parseInt(text.slice(at, at + 2), 16));
     // How far the nearest pixel is from a colour: a thin line is mixed with its ground.

@@ -32,12 +32,19 @@ export async function evidence(chrome, { base }) {
     const [{ id }] = (await ask(base, `/fits?system=${KNOWS_THE_DAY}&page_size=1`)).items;
     const told = await ask(base, `/fits/${id}/diagnostics`);
     await page.goto(`${base}/ui/systems/${KNOWS_THE_DAY}/fails?fit=${id}`);
-    const lags = page.getByRole('figure', { name: 'Residual against each channel, by lag' });
+    const lags = page.getByRole('figure', { name: 'Residual of T_room against each channel, by lag' });
     await lags.locator('svg.chart').first().waitFor();
     holds((await lags.locator('svg.chart').count()) === told.residual_by_input.length, 'an input is missing');
     const marked = await lags.locator('section', { hasText: 'closed loop: weaker evidence' }).locator('b').allInnerTexts();
     const moved = told.residual_by_input.filter(input => input.feedback).map(input => input.channel);
     holds(moved.length > 0 && marked.join() === moved.join(), `${marked} beside ${moved}`);
+    // What stands above a curve is where the curve is largest, and where over the first six hours.
+    for (const { channel, correlations, lags_hours: hours } of told.residual_by_input) {
+      const peak = correlations.reduce((most, value, at) => (Math.abs(value) > Math.abs(correlations[most]) ? at : most), 0);
+      const says = await lags.locator('section', { hasText: channel }).first().locator('p').innerText();
+      const size = Math.abs(correlations[peak]).toFixed(2);
+      holds(says.includes(size) && (hours[peak] <= 6 || says.includes(`at ${hours[peak]} h over the day`)), `${says}: the curve has ${size} at ${hours[peak]} h`);
+    }
     const periodogram = page.getByRole('figure', { name: 'Innovations: cumulated periodogram' });
     await periodogram.locator('svg.chart text', { hasText: /^24 h: \d+ %$/ }).waitFor();
     await periodogram.getByRole('button', { name: 'Table' }).click();

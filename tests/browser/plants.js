@@ -19,8 +19,24 @@ const inked = (page, index) =>
   }, index);
 
 export async function plants(chrome, { base }) {
-  await test(chrome, 'the_outputs_of_a_plant_are_below_each_other_until_one_is_chosen', {}, async page => {
+  await test(chrome, 'a_plant_opens_on_the_output_that_fails_most_and_its_flow_sheet_chooses', {}, async page => {
+    const { metrics } = (await ask(base, '/fits?system=plant/north')).items.find(fit => fit.served);
+    const worst = OUTPUTS.toSorted((a, b) => metrics[b].rho - metrics[a].rho)[0];
     await page.goto(`${base}${PLANT}`);
+    await page.getByRole('figure', { name: `Measured and model, ${worst}` }).waitFor();
+    const tags = page.locator('svg.flowsheet [role=button]');
+    holds((await tags.count()) === OUTPUTS.length, `${await tags.count()} outputs on the flow sheet`);
+    holds((await tags.allTextContents()).every(text => /[●▲■]/.test(text) && /\d ×/.test(text)), (await tags.allTextContents()).join());
+    for (const part of ['anoxic', 'aerobic', 'settler', 'effluent']) await page.locator('svg.flowsheet text', { hasText: part }).first().waitFor();
+    await page.locator('svg.flowsheet').getByRole('button', { name: /X_S_e/ }).focus();
+    await page.keyboard.press('Enter');
+    await page.getByRole('figure', { name: 'Measured and model, X_S_e' }).waitFor();
+    await page.goto(`${base}${PLANT}/fails`);
+    await page.getByRole('heading', { name: `Error by day and hour, ${worst}` }).waitFor();
+  });
+
+  await test(chrome, 'the_outputs_of_a_plant_are_below_each_other_where_all_are_asked_for', {}, async page => {
+    await page.goto(`${base}${PLANT}?output=all`);
     await page.locator('.strips canvas').first().waitFor();
     const strips = page.locator('.strips .strip');
     const names = (await strips.locator('.legend b').allInnerTexts()).filter(name => OUTPUTS.includes(name));
@@ -44,7 +60,7 @@ export async function plants(chrome, { base }) {
       holds(rows.length > 0 && rows.every(row => row.startsWith(`${name},`)), rows.join());
     }
     await page.keyboard.press('o');
-    await page.waitForURL(url => !url.search.includes('output='));
+    await page.waitForURL('**output=all');
     holds((await strips.count()) === all, 'not all come again');
     // The button does the same from the keyboard, and the choice goes along to the other pages and over a reload.
     await page.getByRole('button', { name: 'S_NH_e', exact: true }).focus();
@@ -63,7 +79,7 @@ export async function plants(chrome, { base }) {
 
   await test(chrome, 'a_plant_counts_in_grams_and_forecasts_nothing', {}, async page => {
     const [fit] = (await ask(base, '/fits?system=plant/north')).items;
-    await page.goto(`${base}${PLANT}?mode=PT6H`);
+    await page.goto(`${base}${PLANT}?mode=PT6H&output=all`);
     await page.getByText('so it makes no forecasts').first().waitFor();
     await page.locator('.strips canvas').first().waitFor();
     holds((await page.getByRole('button', { name: '6 h ahead' }).count()) === 0, 'forecasts are offered');

@@ -11,6 +11,31 @@ export function number(value, figures = 3) {
   return size >= 10 ** figures ? String(Math.round(value)) : String(Number(value.toPrecision(figures)));
 }
 
+/**
+ * How many decimals a reading of these values deserves: a thousandth of what they vary by, four digits that count, of
+ * temperatures two or three decimals, else no more than the values themselves have.
+ */
+export function decimalsOfAll(values, unit) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const value of values) {
+    if (!Number.isFinite(value)) continue;
+    low = Math.min(low, value);
+    high = Math.max(high, value);
+  }
+  const most = Math.max(Math.abs(low), Math.abs(high));
+  if (!(most > 0) || most === Infinity) return 0;
+  const places = (size, digits) => (size > 0 ? digits - Math.ceil(Math.log10(size)) : 0);
+  const [least, finest] = unit === 'K' || unit === 'degC' ? [2, 3] : [0, 8];
+  const decimals = Math.min(Math.max(places(high - low, 3), places(most, 4), least), finest);
+  const finer = [...Array(decimals).keys()].slice(least);
+  const enough = places => values.every(value => !Number.isFinite(value) || Math.abs(value - Number(value.toFixed(places))) < 0.05 * 10 ** -decimals);
+  return finer.find(enough) ?? decimals;
+}
+
+/** A reading with so many decimals, or a dash. */
+export const reading = (value, decimals) =>
+  value === null || value === undefined || !Number.isFinite(value) ? NONE : value.toFixed(decimals).replace(/^-(0\.?0*)$/, '$1');
+
 /** How many decimals an error has: two, and below 0.1 as many as show two digits that count, but no more than four. */
 function decimalsOf(value) {
   const size = Math.abs(value);

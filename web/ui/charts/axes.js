@@ -1,5 +1,5 @@
-// What the small charts share: their width on the screen, and round numbers on an axis.
-import { useState, useLayoutEffect } from '../html.js';
+// What the small charts share: their width on the screen, round numbers on an axis, and the colours of signed values.
+import { html, useState, useLayoutEffect } from '../html.js';
 
 /** The width of an element in pixels, as it changes. */
 export function useWidth(element) {
@@ -41,3 +41,13 @@ export function scale([low, high], [from, to], log = false) {
   const span = at(high) - at(low) || 1;
   return value => from + ((at(value) - at(low)) / span) * (to - from);
 }
+
+/** A colour of signed values: blue below zero and orange above it, and at zero the ground on which it lies, light or dark. */
+export const signedColour = (value, most) =>
+  `color-mix(in srgb, var(--${value < 0 ? 'model' : 'heldout'}) ${Math.round(Math.min(Math.abs(value) / most, 1) * 100)}%, var(--ground))`;
+
+/** The scale of these colours, from `-most` to `most`; `id` names its gradient. */
+export const SignedScale = ({ id }) => html`<svg width="160" height="10" aria-hidden="true">
+  <defs><linearGradient id=${id}>${['model', 'ground', 'heldout'].map((end, at) =>
+    html`<stop offset=${at / 2} style=${{ stopColor: `var(--${end})` }} />`)}</linearGradient></defs>
+  <rect width="160" height="10" fill=${`url(#${id})`} style="stroke:var(--edge)" /></svg>`;

@@ -27,7 +27,7 @@ export function Bars({ values, first = 0, band, xLabel, yLabel, height = 180, la
         html`<rect x=${MARGIN.left + index * step + step * 0.15} width=${Math.max(step * 0.7, 1)}
       y=${Math.min(y(value), y(0))} height=${Math.max(Math.abs(y(value) - y(0)), 0.5)}
         style=${{ fill: `var(--${signedColours && value > 0 ? 'heldout' : 'model'})` }}>
-      <title>${`${xLabel} ${first + index}: ${number(value)}`}</title></rect>`,
+      <title>${`${xLabel} ${first + index}: ${number(value, 4)}`}</title></rect>`,
     )}
     <line class="axis" x1=${MARGIN.left} x2=${width - MARGIN.right} y1=${y(0)} y2=${y(0)} />
     ${values.map((_, index) => (index + first) % every === 0 &&

@@ -8,9 +8,9 @@ const MARGIN = { left: 52, right: 12, top: 8, bottom: 34 };
 /**
  * Lines: `{label, colour, dash, open, points: [[x, y], …]}`, with a dot at the end unless `open`; y may be logarithmic.
  * `range` fixes what y shows, `across` what x shows, `at` the marks of x, `zero` draws that line; `band` shades between `[x, low, high]`;
- * `peaks` are named places of x.
+ * `peaks` are named places of x, `dots` places `[x, y]` that a text nearby is about.
  */
-export function Curve({ lines, xLabel, yLabel, height = 200, log = false, range, across, at, zero = false, band = [], peaks = [], label }) {
+export function Curve({ lines, xLabel, yLabel, height = 200, log = false, range, across, at, zero = false, band = [], peaks = [], dots = [], label }) {
   const host = useRef(null);
   const width = useWidth(host) || 600;
   const drawn = lines.map(line => ({ ...line, points: line.points.filter(([, y]) => Number.isFinite(y) && (!log || y > 0)) }));
@@ -50,6 +50,7 @@ export function Curve({ lines, xLabel, yLabel, height = 200, log = false, range,
           d=${`M${line.points.map(([px, py]) => `${x(px).toFixed(1)},${y(py).toFixed(1)}`).join('L')}`} />
         ${!line.open && html`<circle cx=${x(line.points.at(-1)[0])} cy=${y(line.points.at(-1)[1])} r="3" style=${{ fill: `var(--${line.colour})` }} />`}</g>`,
       )}
+      ${dots.map(([px, py]) => html`<circle cx=${x(px)} cy=${y(py)} r="4" style="fill:var(--ground);stroke:var(--text);stroke-width:1.5" />`)}
       ${peaks.map(
         (peak, row) => html`<g><line class="axis" stroke-dasharray="2 3" x1=${x(peak.x)} x2=${x(peak.x)} y1=${MARGIN.top} y2=${height - MARGIN.bottom} />
         <text class="haloed" x=${x(peak.x) + (x(peak.x) > width / 2 ? -4 : 4)} y=${MARGIN.top + 12 + 15 * row}

@@ -61,7 +61,7 @@ export function LadderChart({ steps, floor, floorName = 'noise floor', unit, lab
           <path fill="none" stroke-width="1.5" stroke-dasharray=${dash || null}
             d=${points.length ? `M${points.map(([px, value]) => `${px},${y(value)}`).join('L')}` : ''} />
           ${points.map(([px, value, kept]) =>
-            html`<g style=${kept === false ? 'opacity:.45' : ''}>${MARKS[name](px, y(value))}<title>${`${name}: ${number(value)} ${unit}`}
+            html`<g style=${kept === false ? 'opacity:.45' : ''}>${MARKS[name](px, y(value))}<title>${`${name}: ${number(value, 4)} ${unit}`}
               </title></g>`)}
         </g>`;
       })}

@@ -1,13 +1,15 @@
 // Lines over time: strips below each other with one time axis, one crosshair and one zoom.
 import { html, useRef, useLayoutEffect, useState, useMemo, useId } from '../html.js';
 import { colour, useScheme } from '../theme.js';
-import { number, clock } from '../format.js';
+import { number, clock, decimalsOfAll, reading } from '../format.js';
 import { useWidth } from './axes.js';
 
 const { uPlot } = window;
 const AXIS_PX = 58;
 const TIME_AXIS_PX = 40;
 const ZOOM_STEP = 0.25;
+/** From so many points in a pixel on, a line has no dashes. */
+const CROWDED = 8;
 // The rows of uPlot's table of time labels, with clocks of 24 hours: step in seconds, label, and what a new year, month or day adds.
 const TIMES = [
   [31_536_000, '{YYYY}', null, null, null, null, null, null, 1],
@@ -88,7 +90,7 @@ function seriesOf(strip, dense) {
   for (const line of strip.lines) {
     const stroke = colour(line.colour);
     // Hair lines are drawn ten times as fast; where samples are closer than pixels nothing is lost.
-    const look = { stroke, width: dense ? 1 : (line.width ?? 1.5), dash: line.dash, points: { show: false } };
+    const look = { stroke, width: dense ? 1 : (line.width ?? 1.5), dash: line.dash, dashes: line.dash, points: { show: false } };
     if (line.step) look.paths = uPlot.paths.stepped({ align: 1 });
     if (line.values) {
       series.push(look);
@@ -135,7 +137,7 @@ function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last
       },
       axes: [
         last ? { ...axis, values: TIMES, size: TIME_AXIS_PX } : { ...axis, values: () => [], ticks: { show: false }, size: 0 },
-        { ...axis, size: AXIS_PX, space: strip.height > 100 ? 32 : 22, values: (_, ticks) => ticks.map(tick => number(tick)) },
+        { ...axis, size: AXIS_PX, space: strip.height > 100 ? 32 : 22, values: (_, marks) => marksOf(marks) },
       ],
       cursor: {
         sync: { key: sync, setSeries: false, scales: ['x', null] },
@@ -162,16 +164,24 @@ function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last
   );
 }
 
-const read = (line, at) => {
+/** Marks of an axis, of which no two read the same. */
+function marksOf(marks) {
+  const step = Math.abs(marks[1] - marks[0]);
+  const most = Math.max(...marks.map(Math.abs));
+  return marks.map(mark => number(mark, Math.max(3, step > 0 ? Math.floor(Math.log10(most / step)) + 2 : 3)));
+}
+
+/** The value of a line at the pointer. */
+function read(line, at, decimals) {
   if (at === null || at === undefined) return '';
   // Between two samples of a slower sensor its last one is told.
   if (line.values) {
     let last = at;
     while (last > 0 && line.values[last] === undefined) last -= 1;
-    return number(line.values[last]);
+    return reading(line.values[last], decimals);
   }
-  return line.min[at] === null ? number(null) : `${number(line.min[at])} to ${number(line.max[at])}`;
-};
+  return line.min[at] === null ? reading(null) : `${reading(line.min[at], decimals)} to ${reading(line.max[at], decimals)}`;
+}
 
 /**
  * Strips: `{label, unit, height, lines, zero, band}`; lines: `{label, colour, dash, width, step, values | min, max}`, all
@@ -187,6 +197,11 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
   const sync = useId();
   const [low, high] = range ?? whole;
   const [panning, setPanning] = useState(false);
+  // The lines of a strip are read with the same decimals, so that they can be compared.
+  const decimals = useMemo(
+    () => strips.map(strip => decimalsOfAll(strip.lines.flatMap(line => line.values ?? [...line.min, ...line.max]), strip.unit)),
+    [strips],
+  );
   const gaps = useMemo(() => (strips[0]?.lines[0] ? gapsOf(time, strips[0].lines[0]) : []), [time, strips]);
   const shown = useRef([low, high]);
   const asked = useRef(onZoom);
@@ -194,7 +209,12 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
 
   const show = ([from, to]) => {
     shown.current = [from, to];
-    for (const plot of plots.current) plot.setScale('x', { min: from, max: to });
+    const points = time.length * Math.min((to - from) / Math.max(whole[1] - whole[0], 1), 1);
+    for (const plot of plots.current) {
+      // Dashes take much of the time of drawing, and nobody sees them where many points share a pixel.
+      for (const line of plot.series) if (line.dashes) line.dash = points > CROWDED * plot.width ? [] : line.dashes;
+      plot.setScale('x', { min: from, max: to });
+    }
   };
   useLayoutEffect(() => {
     if (!width) return undefined;
@@ -213,7 +233,7 @@ export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', o
         onCursor: at => {
           if (index === 0) when.current.textContent = at === null || at === undefined ? '' : clock(time[at] * 1000, zone);
           readers.current[index]?.querySelectorAll('output').forEach((place, line) => {
-            place.textContent = read(strip.lines[line], at);
+            place.textContent = read(strip.lines[line], at, decimals[index]);
           });
         },
       }),

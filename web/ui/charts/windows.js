@@ -34,7 +34,7 @@ export function Windows({ windows, pooled, span, unit, label }) {
       const middle = x((seconds(window.from) + seconds(window.to)) / 2);
       const half = Z95 * window.deviation;
       return html`<g style=${{ stroke: `var(--${window.pooled ? 'measured' : 'strong-edge'})`, strokeWidth: 1.5 }}>
-        <title>${`${day(window.from)} to ${day(window.to)}: ${number(window.size)} ± ${number(half, 2)} ${unit}${window.pooled ? '' : ', not added up'}`}</title>
+        <title>${`${day(window.from)} to ${day(window.to)}: ${number(window.size, 4)} ± ${number(half, 3)} ${unit}${window.pooled ? '' : ', not added up'}`}</title>
         <line x1=${middle} x2=${middle} y1=${y(window.size - half)} y2=${y(window.size + half)} />
         <circle cx=${middle} cy=${y(window.size)} r="3.5" style=${{ fill: window.pooled ? 'var(--measured)' : 'var(--ground)' }} /></g>`;
     })}

@@ -48,8 +48,8 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
   const known = [diagnosis.fit, ...steps].filter(Boolean);
   const fits = useResource(known.length ? known.join(',') : null, { read: all });
   const { adding } = here().query;
-  const outputs = Object.keys(fits.data?.[0]?.metrics ?? {});
-  const output = outputIn(here().query, outputs) ?? outputs[0];
+  const metrics = fits.data?.[0]?.metrics ?? {};
+  const output = outputIn(here().query, metrics);
   const ready = job.data && (fits.data || known.length === 0);
   const current = fits.data?.at(-1)?.model ?? diagnosis.model;
   useEffect(() => grown(current), [current]);
@@ -114,7 +114,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     ${error && html`<${Failed} error=${error} />`}
     ${change && html`<${Equation} change=${change} />`}
     ${adding && html`<${JobWatch} key=${adding} id=${adding} title="Refit with the effect" onEnd=${ended} />`}
-    ${ladder.length > 1 && html`<${Outputs} outputs=${outputs} query=${here().query} />`}
+    ${ladder.length > 1 && html`<${Outputs} metrics=${metrics} query=${here().query} />`}
     ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo} serve=${serve} />`}
     ${refused && html`<${NotSaved} error=${refused} again=${again}><p>Somebody has changed ${system} since this page was opened. Look at its
       settings, and press the button again if ${current} is still right.</p></${NotSaved}>`}
@@ -130,7 +130,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
         summary=${ladder.map(step => `${step.label}: train ${number(step.train_rmse)}, validation ${number(step.validation_rmse)}, test ${number(step.test_rmse)}`).join('; ')}
       table=${() => ({ columns: [['model'], ['train', 'number'], ['validation', 'number'], ['test', 'number']], rows: ladder.map(step =>
         [step.label, number(step.train_rmse), number(step.validation_rmse), number(step.test_rmse)]) })}>
-      <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${outputs.length > 1 ? null : diagnosis.noise_floor_rmse}
+      <${LadderChart} steps=${ladder} unit=${ladder[0].unit} floor=${Object.keys(metrics).length > 1 ? null : diagnosis.noise_floor_rmse}
         label="Train, validation and test error of each step" /></${Frame}>`
     }
   </section>`;

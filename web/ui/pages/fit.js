@@ -1,16 +1,20 @@
 // Measured beside the model: where the line follows, and where it does not.
 import { html, useMemo, useRef } from '../html.js';
-import { useResource, useList, withQuery } from '../api.js';
+import { ask, useResource, useList, withQuery } from '../api.js';
+import { REPORT } from '../carried.js';
 import { setQuery, systemAddress } from '../router.js';
 import { useKeys } from '../keys.js';
-import { number, fixed, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
+import { number, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
-import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Outputs, outputIn, forecasts, NO_FORECASTS } from '../parts/outputs.js';
+import { Flowsheet } from '../parts/flowsheet.js';
 import { Strips } from '../charts/strips.js';
+import { Errors, errorsInWords } from './errors.js';
 
 const POINTS = 2000;
+/** Most samples that one answer holds. */
+const SAMPLES = 20_000;
 const NO_OTHER = 'none';
 const VIEWS = [
   ['free_run', 'Free run'],
@@ -19,10 +23,24 @@ const VIEWS = [
   ['PT24H', '24 h ahead'],
 ];
 
-/** What the service is asked for: the view, and the shown range with as much again on both sides for moving on. */
-function viewOf(query) {
-  const mode = query.mode && query.mode !== 'free_run' ? { mode: 'ahead', horizon: query.mode } : { mode: 'free_run' };
-  return { ...mode, max_points: POINTS };
+/** Which run of the model the service is asked for. */
+const runOf = query => (query.mode && query.mode !== 'free_run' ? { mode: 'ahead', horizon: query.mode } : { mode: 'free_run' });
+
+/** The same with as many points as a chart needs. */
+const viewOf = query => ({ ...runOf(query), max_points: POINTS });
+
+/** Every sample between two instants as CSV, answer by answer. */
+async function everySample(fit, query, [from, to], step) {
+  const parts = [];
+  for (let start = from; start <= to; start += SAMPLES * step) {
+    const end = Math.min(start + (SAMPLES - 1) * step, to);
+    const part = await ask(
+      withQuery(`/fits/${fit}/comparison`, { ...runOf(query), max_points: SAMPLES, from: instant(start), to: instant(end) }),
+      { accept: 'text/csv' },
+    );
+    parts.push(parts.length === 0 ? part : part.slice(part.indexOf('\n') + 1));
+  }
+  return parts.join('');
 }
 
 const linesOf = line => (line.values ? { values: line.values } : { min: line.min, max: line.max });
@@ -91,7 +109,8 @@ function stripsOf(data, previous, chosen) {
   return strips;
 }
 
-function tableOf(data) {
+/** The numbers of the chart within the shown range, those of the other fit among them where it is drawn. */
+function tableOf(data, previous, [from, to]) {
   const columns = [['time']];
   const series = [];
   const add = (name, line) => {
@@ -104,11 +123,15 @@ function tableOf(data) {
     add(`${name} measured`, output.measured);
     add(`${name} model`, output.simulated);
     add(`${name} residual`, output.residual);
+    const before = previous?.outputs[name] && aligned(data.time, previous, previous.outputs[name].simulated);
+    if (before) add(`${name} the other fit`, before);
   }
   for (const [name, input] of Object.entries(data.inputs)) add(name, input);
   return {
     columns,
-    rows: data.time.map((time, at) => [time, ...series.map(values => (values[at] === null ? NONE : number(values[at], 5)))]),
+    rows: data.time.flatMap((time, at) =>
+      seconds(time) < from || seconds(time) > to ? [] : [[time, ...series.map(values => (values[at] === null ? NONE : number(values[at], 5)))]],
+    ),
   };
 }
 
@@ -126,7 +149,6 @@ function summaryOf(data) {
 
 export function FitTab({ system, fit, fits, metrics, params, document, query: asked }) {
   const ahead = forecasts(metrics);
-  const outputs = Object.keys(metrics);
   // A link from a system that forecasts leads to what there is here.
   const query = ahead ? asked : { ...asked, mode: undefined };
   // Beside what is served stands what was served before, unless another fit is asked for, or none.
@@ -153,23 +175,25 @@ export function FitTab({ system, fit, fits, metrics, params, document, query: as
           onClick=${() => setQuery({ mode: value === 'free_run' ? null : value })}>${title}</button>`,
         )}</span>`
       }
-      <${Outputs} outputs=${outputs} query=${query} all />
+      <${Outputs} metrics=${metrics} query=${query} all />
       ${fits.some(entry => entry.id !== fit) &&
         html`<label class="inline">Beside it <select ref=${choice} value=${beside ?? NO_OTHER} onChange=${event => setQuery({ with: event.target.value })}>
         <option value=${NO_OTHER}>no other fit</option>
         ${fits.filter(entry => entry.id !== fit).map(entry =>
           html`<option value=${entry.id} selected=${entry.id === beside}>${fitName(entry)}</option>`)}</select></label>`}
     </div>
+    ${(Object.keys(metrics).length > 1 || !ahead) &&
+      html`<${Flowsheet} model=${fits.find(entry => entry.id === fit)?.model ?? document.model} metrics=${metrics} query=${query} />`}
     <p class="note">${
       query.mode && query.mode !== 'free_run'
         ? `At each time the forecast that was made ${horizon(query.mode)} before, from the states that the model then had.`
         : 'One simulation from the start: the model never sees the measured output again.'
     }${ahead ? '' : ` ${NO_FORECASTS}`}</p>
     <${Shown} of=${whole} what="the comparison"
-      show=${data => html`<${Chart} whole=${data} fit=${fit} beside=${beside} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
+      show=${data => html`<${Chart} whole=${data} fit=${fit} fits=${fits} beside=${beside} metrics=${metrics} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;
 }
 
-function Chart({ whole, fit, beside, query, zone }) {
+function Chart({ whole, fit, fits, beside, metrics, query, zone }) {
   const ends = useMemo(() => [seconds(whole.from), seconds(whole.to)], [whole]);
   const range = query.from && query.to ? [seconds(query.from), seconds(query.to)] : null;
   // A thinned line is asked for anew where it is looked at closely, with as much again on both sides for moving on.
@@ -178,13 +202,23 @@ function Chart({ whole, fit, beside, query, zone }) {
     range && whole.thinning
       ? { from: instant(Math.max(range[0] - margin, ends[0])), to: instant(Math.min(range[1] + margin, ends[1])) }
       : {};
-  const path = withQuery(`/fits/${fit}/comparison`, { ...viewOf(query), ...closer });
-  const detail = useResource(closer.from ? path : null);
+  const comparison = further => withQuery(`/fits/${fit}/comparison`, { ...viewOf(query), ...further });
+  const detail = useResource(closer.from ? comparison(closer) : null);
   const data = detail.data?.fit === fit ? detail.data : whole;
   const other = useResource(beside ? withQuery(`/fits/${beside}/comparison`, { ...viewOf(query), from: data.from, to: data.to }) : null);
   const another = beside && other.data?.fit === beside ? other.data : null;
   const time = useMemo(() => data.time.map(seconds), [data]);
-  const chosen = outputIn(query, Object.keys(data.outputs));
+  const chosen = outputIn(query, metrics, true);
+  const shown = range ? [Math.max(range[0], ends[0]), Math.min(range[1], ends[1])] : ends;
+  const mode = query.mode ?? 'free_run';
+  // One answer has every error of the table: of the samples that are shown, and where two fits are compared, that both have.
+  const span = { from: instant(shown[0]), to: instant(shown[1]), max_points: 1 };
+  const path = comparison(range ? { from: span.from, to: span.to } : {});
+  const isThinned = (shown[1] - shown[0]) / data.step_s + 1 > POINTS;
+  const several = beside && withQuery('/compare', { fits: `${fit},${beside}`, ...runOf(query), ...span });
+  const closely = range && !REPORT ? withQuery(`/fits/${fit}/comparison`, { ...runOf(query), ...span }) : null;
+  const errors = useResource(several || closely);
+  const judged = several || closely ? errors.data : whole;
   const strips = useMemo(() => stripsOf(data, another, chosen), [data, another, chosen]);
   const still = constants(data);
   const apart = another && !strips[0].lines.some(line => line.colour === 'previous');
@@ -194,36 +228,14 @@ function Chart({ whole, fit, beside, query, zone }) {
     ? `Thinned: one point of the chart stands for ${data.thinning.samples_per_point} of ${data.samples} samples and shows their lowest and highest value. Zoom in to see each.`
     : `Every one of the ${data.samples} samples is shown, ${length(data.step_s)} apart.`;
   return html`
-    <${Frame} title="Measured and model" summary=${summaryOf(data)} table=${() => tableOf(data)} path=${path} csv
+    <${Frame} title=${chosen && Object.keys(metrics).length > 1 ? `Measured and model, ${chosen}` : 'Measured and model'}
+      summary=${summaryOf(data)} about=${errorsInWords(judged ?? whole, mode, chosen, zone)}
+      table=${() => tableOf(data, another, shown)} path=${path} csv
+      everything=${isThinned && !REPORT ? () => everySample(fit, query, shown, data.step_s) : null}
       note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${apart ?
         ' The other fit has other times and is not drawn.' : ''}${still.length ? ` Never changing, and not drawn: ${still.join(', ')}.` : ''}${other.error ? ` The other fit: ${other.error.detail}.` : ''}`}>
       <${Strips} time=${time} strips=${strips} whole=${ends} range=${range} parts=${parts} zone=${zone} onZoom=${zoom} label=${summaryOf(data)} />
     </${Frame}>
-    <${Errors} data=${whole} other=${another} chosen=${chosen} />`;
-}
-
-function Errors({ data, other, chosen }) {
-  const rows = [];
-  for (const [which, comparison] of [
-    ['this fit', data],
-    ['the other', other],
-  ]) {
-    if (!comparison) continue;
-    for (const [name, error] of Object.entries(comparison.errors)) {
-      if (chosen && name !== chosen) continue;
-      for (const [part, skill] of [...Object.entries(error.parts), ['all', error.range]]) {
-        if (skill)
-          rows.push([
-            `${name}, ${part}`,
-            which,
-            skill.n,
-            ...['rmse', 'bias', 'urmse', 'mae'].map(key => `${fixed(skill[key])} ${error.unit}`),
-            number(skill.r2),
-          ]);
-      }
-    }
-  }
-  return html`<${Table} caption="Errors of this view" rows=${rows}
-    columns=${[['output, part'], ['fit'], ['samples', 'number'], ['rmse', 'number'], ['bias', 'number'], ['rmse without bias', 'number'],
-      ['mean absolute', 'number'], ['r²', 'number']]} />`;
+    <${Errors} of=${errors} judged=${judged} chosen=${chosen} mode=${mode} zone=${zone}
+      fits=${[fit, beside].filter(Boolean).map(id => fits.find(entry => entry.id === id) ?? { id })} />`;
 }

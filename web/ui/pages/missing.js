@@ -12,6 +12,7 @@ import { Table } from '../parts/table.js';
 import { Failed, Loading, Empty } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Bars } from '../charts/bars.js';
+import { worstOutput } from '../parts/outputs.js';
 import { Adding } from './adding.js';
 import { Evidence } from './evidence.js';
 import { Ledger } from './ledger.js';
@@ -59,8 +60,11 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
   const [adding, setAdding] = useState(null);
   const [model, setModel] = useState(data.model);
   const there = effect => model.split('+').slice(1).includes(effect);
-  const [first, ...others] = Object.entries(metrics);
-  const several = others.length > 0;
+  const names = Object.keys(metrics);
+  const several = names.length > 1;
+  // What older diagnoses do not say is the first one.
+  const { unit } = metrics[names[0]] ?? { unit: '' };
+  const erring = data.unexplained.output || names[0];
   const weighed = data.rho !== null;
   const steps = query.steps?.split(',').filter(Boolean) ?? [];
   return html`
@@ -72,18 +76,19 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
       class="quiet">Model ${data.model}, ${clock(data.created_at)}. ${
         weighed ? `Noise floor ${number(data.noise_floor_rmse)}; the error is ${number(data.rho)} times what noise would leave.` : ''
       }</span></p>
-    ${several && weighed && html`<p class="note">Errors are those of all outputs together, each in the noise of its sensor; what is drawn over time is ${first[0]}.</p>`}
+    ${several && weighed && html`<p class="note">Errors are those of all outputs together, each in the noise of its sensor. What is drawn over time
+      is ${erring}${erring === worstOutput(metrics) ? ', which fails most' : `; ${worstOutput(metrics)} fails most`}.</p>`}
     ${data.warnings.map(warning => html`<p class="note">▲ ${warning}</p>`)}
     <${Adding} diagnosis=${data} system=${system} document=${document} effect=${adding} steps=${steps} taken=${() => setAdding(null)}
       grown=${setModel} reload=${reload} changed=${changed} />
     ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} path=${path} added=${there(finding.effect)}
-      zone=${document.location?.zone ?? 'UTC'}
+      output=${finding.shape?.output || names[0]} zone=${document.location?.zone ?? 'UTC'}
       add=${REPORT ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}
     ${data.findings.length === 0 && weighed && data.verdict !== 'adequate' &&
       html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
     <${Present} effects=${data.present} />
     <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model}
-      unit=${first?.[1].unit ?? ''} />
+      output=${several ? erring : null} unit=${unit} />
     ${(data.considered.length > 0 || data.not_testable.length > 0) && html`<div class="grid">
       <section><${Table} caption="Tested, and what became of it"
         columns=${[['effect'], ['gain in BIC', 'number'], ['of the error', 'number'], ['why']]}
@@ -119,7 +124,7 @@ const PARTS = [
   ['test', 'test (never used)'],
 ];
 
-function Finding({ finding, data, path, zone, added, add }) {
+function Finding({ finding, data, path, output, zone, added, add }) {
   const pairs = [
     ...PARTS.map(([key, title]) => [title, finding.rmse[key]]),
     ...Object.entries(finding.rmse.validation_ahead ?? {}).map(([key, pair]) => [`${horizon(key)} ahead`, pair]),
@@ -157,7 +162,7 @@ function Finding({ finding, data, path, zone, added, add }) {
               html`<${Status} of="bad" label="at bound" />` : ''])} /></details>
       </div>
     </div>
-    <${Evidence} finding=${finding} path=${path} zone=${zone} />
+    <${Evidence} finding=${finding} output=${output} path=${path} zone=${zone} />
   </article>`;
 }
 
@@ -169,7 +174,7 @@ function Change({ from, to, most }) {
       height="8" style=${{ fill: `var(--${to < from * 0.99 ? 'model' : 'heldout'})` }} /></svg>`;
 }
 
-function Unexplained({ unexplained, path, system, model, unit }) {
+function Unexplained({ unexplained, path, system, model, output, unit }) {
   if (unexplained.share === null && !unexplained.ask) return null;
   const known = unexplained.profile_by_hour.some(value => value !== null);
   const rate = `${unit}/h`;
@@ -193,12 +198,12 @@ function Unexplained({ unexplained, path, system, model, unit }) {
         })}>
         <${Bars} values=${unexplained.profile_by_hour} signedColours xLabel="hour of the day" yLabel=${rate} label=${says} /></${Frame}>`
       }
-      <${Table} caption="When it is worst" columns=${[['from'], ['bias', 'number'], ['rmse', 'number'], ['']]}
+      <${Table} caption=${output ? `When ${output} is worst` : 'When it is worst'} columns=${[['from'], ['bias', 'number'], ['rmse', 'number'], ['']]}
         rows=${unexplained.episodes.map(episode => [
           clock(episode.from),
           signed(episode.bias),
           fixed(episode.rmse),
-          html`<a href=${systemAddress(system, 'fit', { from: episode.from, to: episode.to })}>Show</a>`,
+          html`<a href=${systemAddress(system, 'fit', { from: episode.from, to: episode.to, output })}>Show</a>`,
         ])} />
     </div>
     ${!REPORT && html`<p><a class="button" href=${address(['edit', 'effect'], { system, model })}>Describe your own effect</a></p>`}

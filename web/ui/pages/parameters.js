@@ -13,12 +13,10 @@ import { Shown, Empty } from '../parts/screens.js';
 import { Reason } from '../parts/dialog.js';
 import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
+import { Correlations, isOf } from './correlations.js';
 import { Likelihood } from './likelihood.js';
 import { Said } from './said.js';
 import { States } from './states.js';
-
-/** Whether a remark is the sentence about a pair that these data cannot tell apart. */
-const isOf = (pair, remark) => remark.startsWith(`${pair.parameters.join(' and ')} `);
 
 export function Parameters({ system, document, params, fit, reload }) {
   const chosen = useResource(fit && `/fits/${fit}`);
@@ -103,11 +101,9 @@ export function Values({ fit, history }) {
             ]
           : []),
       ])} />
-    ${fit.correlated.length > 0 && html`<ul>
-      ${fit.correlated.map(pair => html`<li>▲ ${fit.remarks.find(remark => isOf(pair, remark)) ?? `${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)})`}.
-        ${pair.ridge.length > 1 && html`<${AlongRidge} pair=${pair} fit=${fit} />`}</li>`)}</ul>`}
     ${fit.remarks.filter(remark => !fit.correlated.some(pair => isOf(pair, remark))).map(remark => html`<p class="note">${remark}</p>`)}
-  </${Frame}>`;
+  </${Frame}>
+  <${Correlations} fit=${fit} />`;
 }
 
 /** What the parameters stand in: the documents' own words, and the equations as this fit has them. */
@@ -116,23 +112,6 @@ function Mathematics({ fit }) {
   return html`<section><h2>Equations of ${fit.model}</h2>
     <${Equations} model=${fit.model} />
     ${model.data && html`<${Typeset} path=${`/fits/${fit.id}/model`} states=${model.data.states.length} />`}</section>`;
-}
-
-/** Where the first of a pair is held and all else is fitted again: the least cost, and what the second becomes. */
-function AlongRidge({ pair, fit }) {
-  const [held, other] = pair.parameters;
-  const unit = name => (fit.parameters[name].unit === '-' ? '' : fit.parameters[name].unit);
-  const across = [pair.ridge[0].values[0], pair.ridge.at(-1).values[0]];
-  const drawn = (what, points) => html`<div><b>${what}</b>
-    <${Curve} height=${150} xLabel=${`${held} ${unit(held)}`} yLabel="" across=${across} label=${`${what} where ${held} is held`}
-      lines=${[{ label: '', colour: 'model', open: true, points }]} /></div>`;
-  return html`<details><summary>Along the ridge: ${held} is held, all else is fitted again</summary>
-    <div class="small-multiples">
-      ${drawn('least cost', pair.ridge.map(point => [point.values[0], point.cost]))}
-      ${drawn(`${other} ${unit(other)}`, pair.ridge.map(point => point.values))}
-    </div>
-    <${Table} caption=${`${held} is held, all else is fitted again`} columns=${[[held, 'number'], [other, 'number'], ['least cost', 'number']]}
-      rows=${pair.ridge.map(({ values, cost }) => [...values.map(value => number(value, 4)), number(cost, 4)])} /></details>`;
 }
 
 /** A parameter over the revisions, in its cell; the chart opens. */

@@ -29,12 +29,16 @@ const TABS = [
 ];
 /** What of the address goes along from tab to tab: the fits that are looked at, the range and the output. */
 const CARRIED = ['fit', 'with', 'from', 'to', 'mode', 'output'];
-/** Where all outputs are seen at once until one is chosen. */
+/** Where all outputs can be seen at once. */
 const ALL_OUTPUTS = ['fit'];
 
 /** What the controller gets for a system; of a system that was never validated the list says nothing. */
 const servedOf = system => (path, options) =>
   ask(path, options).then(({ items }) => items.find(entry => entry.system === system) ?? { missing: true });
+
+/** Whose the pictures of a page are: the system, its model and its fit. */
+const aboutOf = (system, fit, params) =>
+  [system, fit && `fit of ${fitName(fit)}`, fit && params?.fit === fit.id && `revision ${params.revision}`].filter(Boolean).join(' · ');
 
 export function SystemPage({ system, tab, query }) {
   const document = useResource(`/systems/${system}`);
@@ -62,7 +66,7 @@ export function SystemPage({ system, tab, query }) {
   const params = !served.data || served.data.missing ? null : served.data;
   const fit = query.fit ?? params?.fit ?? usable[0]?.id ?? null;
   const chosen = usable.find(entry => entry.id === fit);
-  const outputs = Object.keys(chosen?.metrics ?? {});
+  const metrics = chosen?.metrics ?? {};
   useKeys({
     ...Object.fromEntries(
       TABS.map(([name, title], index) => [String(index + 1), [`show ${title}`, () => go(systemAddress(system, name, carried))]]),
@@ -70,7 +74,7 @@ export function SystemPage({ system, tab, query }) {
     '[': ['system before', () => step(-1)],
     ']': ['next system', () => step(1)],
     r: ['refit', refit],
-    ...(outputs.length > 1 && { o: ['next output', () => nextOutput(query, outputs, ALL_OUTPUTS.includes(tab))] }),
+    ...(Object.keys(metrics).length > 1 && { o: ['next output', () => nextOutput(query, metrics, ALL_OUTPUTS.includes(tab))] }),
     z: ['show the whole range', () => setQuery({ from: null, to: null })],
   });
   if (document.error) return html`<${Failed} error=${document.error} retry=${document.reload} />`;
@@ -88,9 +92,9 @@ export function SystemPage({ system, tab, query }) {
     <${Head} system=${system} document=${document.data} params=${params} row=${rows.data?.find(row => row.system === system)} fits=${usable}
       chosen=${chosen} query=${query} refit=${refit} />
     <${Tabs} system=${system} tab=${tab} carried=${carried} />
-    <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`}>
+    <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`} data-about=${aboutOf(system, chosen, params)}>
       <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit}
-        metrics=${chosen?.metrics ?? {}} query=${query}
+        metrics=${metrics} query=${query}
         reload=${() => [document, served, fits, rows].forEach(resource => resource.reload())} changed=${changed} />
     </div>`;
 }

@@ -5,7 +5,7 @@ import { REPORT } from '../carried.js';
 import { sayFault } from '../say.js';
 import { copy } from './frame.js';
 
-/** A model with more states has more lines than anybody wants to see unasked. */
+/** A model with more states or equations has more lines than anybody wants to see unasked. */
 const MOST_STATES = 20;
 
 /** The terms of a catalogue's effect for its argument: `metered_gain:P_heater` fills `{channel}` in. */
@@ -22,12 +22,16 @@ function termsOf(document, argument) {
   ]);
 }
 
+/** What a model is built on: its own document, or that of its base. A plant says its layout; its equations are what that comes to. */
+export async function baseOf(model, options) {
+  const whole = model.document.base ? await ask(`/models/${encodeURIComponent(model.document.base)}`, options) : model;
+  return whole.expanded ?? whole.document;
+}
+
 /** Lines `{left, terms}` of a model: its own equations, or those of its base, and what each of its effects adds. */
 async function linesOf(path, options) {
   const model = await ask(path, options);
-  const whole = model.document.base ? await ask(`/models/${encodeURIComponent(model.document.base)}`, options) : model;
-  // A plant says its layout; its equations are what that comes to.
-  const base = whole.expanded ?? whole.document;
+  const base = await baseOf(model, options);
   const lines = new Map();
   const add = (place, term) => lines.set(place, [...(lines.get(place) ?? []), term]);
   for (const [state, text] of Object.entries(base.equations ?? {})) add(state, text);
@@ -56,12 +60,13 @@ export function Equations({ model, diff = {} }) {
   if (!lines.data) return html`<div class="equation quiet">${lines.error ? lines.error.detail : '…'}</div>`;
   const known = lines.data.map(line => line.place);
   const fresh = Object.entries(added).filter(([place]) => !known.includes(place));
-  return html`<div class="equation">
+  const text = html`<div class="equation">
     ${lines.data.map(line => html`<div>${line.left} = ${line.terms.join(' + ')}${added[line.place] ?
       html`<ins>+ ${added[line.place]}</ins>` : ''}</div>`)}
     ${fresh.map(([place, term]) => html`<ins>d${place}/dt = ${term}</ins>`)}
     ${Object.entries(diff.define ?? {}).map(([name, entry]) => html`<ins>${name} = ${definition(entry)}</ins>`)}
   </div>`;
+  return known.length > MOST_STATES ? html`<details class="typeset"><summary>${known.length} equations</summary>${text}</details>` : text;
 }
 
 const asText = (path, options) => ask(path, { ...options, accept: 'text/plain' });

@@ -9,10 +9,9 @@ const PLAIN = [
   ['train, free run', 'train_rmse'],
 ];
 
-/** Of one output; of several outputs each with its error on unseen data, until one is chosen. */
+/** Of one output; each output with its error on unseen data where all are looked at. */
 export function Figures({ fit, query = {} }) {
-  const outputs = Object.keys(fit.metrics);
-  const chosen = outputIn(query, outputs) ?? (outputs.length > 1 ? null : outputs[0]);
+  const chosen = outputIn(query, fit.metrics, true);
   const metrics = fit.metrics[chosen];
   return html`<dl class="figures">
     ${metrics && forecasts(fit.metrics) && html`<div><dt>24 h ahead</dt><dd>${withUnit(metrics.ahead?.PT24H?.rmse, metrics.unit)}</dd></div>`}

@@ -38,10 +38,13 @@ const csvOf = ({ columns, rows }) => [columns.map(([title]) => title), ...rows].
 
 /**
  * A chart with its title. `table()` gives `{columns, rows}` of plain values; `path` is where the numbers came from,
- * `csv` whether that path also speaks CSV, `command` asks for them where reading the path does not; `drawn` whether
- * there is more to see than a table.
+ * `csv` whether that path also speaks CSV, `everything()` gives the CSV of every sample where that is thinned;
+ * `command` asks for the numbers where reading the path does not; `drawn` whether there is more to see than a table;
+ * `about` says of a picture which output, range and error it shows.
  */
-export function Frame({ title, summary, table, path, command = path && curl(path), csv = false, drawn = true, note, children }) {
+export function Frame({
+  title, about = '', summary, table, path, command = path && curl(path), csv = false, everything = null, drawn = true, note, children,
+}) {
   const [open, setOpen] = useState(null);
   const id = useId();
   const figure = useRef(null);
@@ -50,7 +53,7 @@ export function Frame({ title, summary, table, path, command = path && curl(path
     last = figure.current;
   };
   const download = (ending, make) => async () => {
-    const name = `${title.toLowerCase().replaceAll(/[^a-z0-9]+/g, '-')}.${ending}`;
+    const name = `${title.toLowerCase().replaceAll(/[^a-z0-9]+/g, '-')}${ending}`;
     try {
       save(await make(), name);
       say(`${name} is saved`);
@@ -60,14 +63,16 @@ export function Frame({ title, summary, table, path, command = path && curl(path
   };
   const spreadsheet = async () =>
     new Blob([csv && !REPORT ? await ask(path, { accept: 'text/csv' }) : csvOf(table())], { type: 'text/csv' });
+  const samples = async () => new Blob([await everything()], { type: 'text/csv' });
   const numbers = open === 'table' ? table() : null;
   return html`<figure class="frame" aria-labelledby=${id} ref=${figure} onFocusIn=${used} onPointerEnter=${used}>
     <figcaption>
       <h3 id=${id}>${title}</h3>
       <span class="tools">
         <button class="plain" aria-expanded=${open === 'table'} onClick=${() => toggle('table')}>Table</button>
-        <button class="plain" onClick=${download('csv', spreadsheet)}>CSV</button>
-        ${drawn && html`<button class="plain" onClick=${download('png', () => picture(figure.current))}>PNG</button>`}
+        <button class="plain" onClick=${download(everything ? '-thinned.csv' : '.csv', spreadsheet)}>${everything ? 'CSV, thinned' : 'CSV'}</button>
+        ${everything && html`<button class="plain" onClick=${download('-all-samples.csv', samples)}>CSV, all samples</button>`}
+        ${drawn && html`<button class="plain" onClick=${download('.png', () => picture(figure.current, about))}>PNG</button>`}
         ${command && !REPORT && html`<button class="plain" aria-expanded=${open === 'curl'} onClick=${() => toggle('curl')}>curl</button>`}
       </span>
     </figcaption>

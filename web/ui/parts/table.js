@@ -1,11 +1,11 @@
-// Numbers in rows. Columns: `[title, 'number'?]`; cells: text, numbers as text, or elements.
+// Numbers in rows. Columns: `[title, 'number'?]`; cells: text, numbers as text, or elements; `title` says more than the caption.
 import { html } from '../html.js';
 
-export function Table({ caption, columns, rows, hidden = false }) {
+export function Table({ caption, title = caption, columns, rows, hidden = false }) {
   const kind = index => (columns[index]?.[1] === 'number' ? 'number' : undefined);
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}>
     <table>
-      <caption class=${hidden ? 'unseen' : ''}>${caption}</caption>
+      <caption class=${hidden ? 'unseen' : ''}>${title}</caption>
       <thead><tr>${columns.map(([title], index) => html`<th scope="col" class=${kind(index)}>${title}</th>`)}</tr></thead>
       <tbody>${rows.map(
         row =>

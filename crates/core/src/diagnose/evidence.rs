@@ -7,6 +7,7 @@ use super::screen::Screen;
 use crate::data::Seconds;
 use crate::data::rfc3339;
 use crate::estimate::Problem;
+use crate::estimate::assess::metrics::worst_output;
 use crate::estimate::assess::regimes::interval;
 use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::whiten::stride;
@@ -27,6 +28,11 @@ const SEED: u64 = 1;
 /// unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Shape {
+    /// The output whose error it is: of several the one that fails most; empty in a diagnosis that was made
+    /// before it was told, which shows the first one.
+    #[serde(default)]
+    #[schema(example = "T_room")]
+    pub output: String,
     /// Unit of all numbers.
     #[schema(example = "K")]
     pub unit: String,
@@ -84,42 +90,48 @@ pub struct AddedBin {
 pub fn shape(null: &NullModel, next: &NullModel, candidate: &CandidateEffect, sized: &[f64]) -> Shape {
     let (problem, grid) = (&null.problem, null.problem.grid());
     let [without, with] = [null, next].map(|one| one.problem.simulate(&one.fitted.plain));
-    let error = problem.residual(0, &without.outputs[0]);
-    let change: Vec<f64> =
-        with.outputs[0].iter().zip(&without.outputs[0]).map(|(with, without)| with - without).collect();
-    let usable = problem.usable(0, 0..grid.len());
+    let output = worst_output(problem, &without);
+    let error = problem.residual(output, &without.outputs[output]);
+    let change: Vec<f64> = with.outputs[output]
+        .iter()
+        .zip(&without.outputs[output])
+        .map(|(with, without)| with - without)
+        .collect();
+    let usable = problem.usable(output, 0..grid.len());
+    let about = problem.model().outputs().get(output);
     let span = grid.len().div_ceil(POINTS).max(1);
     let middle = |first: usize| grid.time(first) + (span as i64 - 1) * grid.step() / 2;
     Shape {
-        unit: problem.model().outputs().first().map_or("", |output| error_unit(&output.unit)).to_owned(),
+        output: about.map_or("", |output| output.channel.as_str()).to_owned(),
+        unit: about.map_or("", |output| error_unit(&output.unit)).to_owned(),
         mean_over_s: Seconds::of_millis(span as i64 * grid.step()),
         time: (0..grid.len()).step_by(span).map(|first| rfc3339(middle(first))).collect(),
         unexplained: means(&error, &usable, span),
         effect: means(&change, &usable, span),
         validation_from: rfc3339(grid.time(problem.split().validation.start)),
         test_from: (!problem.split().test.is_empty()).then(|| rfc3339(grid.time(problem.split().test.start))),
-        added: added(null, candidate, sized),
+        added: added(null, candidate, sized, output),
     }
 }
 
 /// What is unexplained by what the candidate would add to it: over segments of hours, or, of a model that has
-/// none, in the free run.
-fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64]) -> Option<Added> {
-    let point = |(row, x, y): (usize, f64, f64)| Point { row, x, y };
+/// none, in the free run. Both are counted in the unit of the output.
+fn added(null: &NullModel, candidate: &CandidateEffect, with: &[f64], output: usize) -> Option<Added> {
+    let scale = null.problem.scale(output);
+    let point = |(row, x, y): (usize, f64, f64)| Point { row, x: scale * x, y: scale * y };
     let points: Vec<Point> = match null.problem.predictor() {
         Predictor::Filtered => {
             let samples = null.problem.split().train.start..null.problem.split().validation.end;
             let look = Look::new(&null.problem, &null.fitted.plain, samples, RANKING_HOURS, &|| false)?;
-            look.added(candidate, with)?.into_iter().map(point).collect()
+            look.added(candidate, with, output)?.into_iter().map(point).collect()
         }
         Predictor::FreeRun => {
             let plain = &null.filters.plain;
             let (effect, unexplained) =
                 Screen::new(&null.problem, &null.fitted.plain, plain, &|| false)?.added(candidate, with)?;
             plain
-                .rows_of_first()
-                .zip(effect.into_iter().zip(unexplained))
-                .map(|(row, (x, y))| point((row, x, y)))
+                .rows_of(output)
+                .map(|(place, row)| point((row, effect[place], unexplained[place])))
                 .collect()
         }
     };

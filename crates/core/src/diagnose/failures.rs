@@ -136,9 +136,14 @@ fn hour_by_date(problem: &Problem, error: &[f64], usable: &[usize]) -> Result<Ve
         .collect())
 }
 
-/// The worst episodes of the first output in a part, which do not overlap, the worst first.
-pub fn episodes(problem: &Problem, grid: &Grid, error: &[f64], range: Range<usize>) -> Vec<Episode> {
-    worst(problem, grid, error, &problem.usable(0, range.clone()), range)
+/// The worst episodes of an output in a part, which do not overlap, the worst first.
+pub fn episodes(
+    problem: &Problem,
+    grid: &Grid,
+    (output, error): (usize, &[f64]),
+    range: Range<usize>,
+) -> Vec<Episode> {
+    worst(problem, grid, error, &problem.usable(output, range.clone()), range)
 }
 
 fn worst(

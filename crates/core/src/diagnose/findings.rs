@@ -18,6 +18,7 @@ use super::surrogates::span;
 use super::unexplained::profile;
 use super::ways::other_way;
 use crate::data::{Window, rfc3339};
+use crate::estimate::assess::metrics::worst_output;
 use crate::estimate::problem::request::AccusationRate;
 use crate::estimate::problem::whiten::stride;
 use crate::estimate::{Control, EstimateError, Problem, Site};
@@ -291,6 +292,8 @@ fn conclude(report: &mut Diagnosis, before: &NullModel, after: &NullModel) {
     let more = report.rho.is_some_and(|rho| rho >= ADEQUATE_RHO);
     let run = after.problem.simulate(&after.fitted.plain);
     let error = after.problem.residual(0, &run.outputs[0]);
+    let output = worst_output(&after.problem, &run);
+    let worst = after.problem.residual(output, &run.outputs[output]);
     let (profile_by_hour, evenings) = profile(after, &run.states, &error);
     let diary = if profile_by_hour.iter().any(Option::is_some) {
         "keep a diary of what happens in the room in the hours listed"
@@ -315,12 +318,18 @@ fn conclude(report: &mut Diagnosis, before: &NullModel, after: &NullModel) {
         }
     };
     report.unexplained = Unexplained {
+        output: after
+            .problem
+            .model()
+            .outputs()
+            .get(output)
+            .map_or_else(String::new, |one| one.channel.clone()),
         share,
         profile_by_hour,
         episodes: episodes(
             &after.problem,
             after.problem.grid(),
-            &error,
+            (output, &worst),
             after.problem.split().train.start..after.problem.split().validation.end,
         ),
         ask: more.then(|| evenings.unwrap_or_else(|| diary.to_owned())),

@@ -323,6 +323,11 @@ pub struct Measures {
 /// The shape of what no effect explains.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 pub struct Unexplained {
+    /// The output that the episodes are of: of several the one that fails most; empty in a diagnosis that was
+    /// made before it was told, which has those of the first one.
+    #[serde(default)]
+    #[schema(example = "T_room")]
+    pub output: String,
     /// Share of the model's squared error beyond the noise that is left.
     pub share: Option<f64>,
     /// Mean heat that is missing by hour of the local day, in K/h at the room air: 24 numbers.

@@ -90,9 +90,11 @@ impl Whitening {
         self.0.iter().zip(residuals).flat_map(filtered).collect()
     }
 
-    /// The samples of the first output, with whose values the filtered series begins.
-    pub fn rows_of_first(&self) -> impl Iterator<Item = usize> {
-        self.0.iter().take(1).flat_map(|filter| filter.rows.iter().copied())
+    /// The samples of an output, each with the place of its value in the filtered series.
+    pub fn rows_of(&self, output: usize) -> impl Iterator<Item = (usize, usize)> {
+        let before: usize = self.0.iter().take(output).map(|filter| filter.rows.len()).sum();
+        let rows = self.0.get(output).map_or(&[][..], |filter| filter.rows.as_slice());
+        rows.iter().enumerate().map(move |(place, row)| (before + place, *row))
     }
 }
 
@@ -199,5 +201,17 @@ mod tests {
         let alone =
             |output: usize| Autoregression::fit(&series[output..=output], &usable[..1]).unwrap().bic();
         assert_eq!(ar.bic(), (alone(0).0 + alone(1).0, alone(0).1 + alone(1).1));
+    }
+
+    #[test]
+    fn the_rows_of_an_output_lead_to_its_own_values() {
+        let series = [vec![1.0, 2.0, 3.0], vec![10.0, 20.0, 30.0]];
+        let whitening = Whitening::none(&[vec![0, 2], vec![1]]);
+        let filtered = whitening.apply(&series);
+        let values = |output: usize| -> Vec<(usize, f64)> {
+            whitening.rows_of(output).map(|(place, row)| (row, filtered[place])).collect()
+        };
+        assert_eq!((values(0), values(1)), (vec![(0, 1.0), (2, 3.0)], vec![(1, 20.0)]));
+        assert_eq!(values(2), []);
     }
 }

@@ -109,9 +109,14 @@ impl<'a> Look<'a> {
 
     /// What is left of the change that a candidate makes at these parameters of its own, and of the residual,
     /// when all that the segments' starts and the model's own parameters can do is taken from both: the axes
-    /// of an added-variable plot (Cook and Weisberg 1982), by sample of the first output. `None` where a
-    /// segment leaves the numbers, or the candidate has states of its own.
-    pub fn added(&self, candidate: &CandidateEffect, with: &[f64]) -> Option<Vec<(usize, f64, f64)>> {
+    /// of an added-variable plot (Cook and Weisberg 1982), by sample of an output. `None` where a segment
+    /// leaves the numbers, or the candidate has states of its own.
+    pub fn added(
+        &self,
+        candidate: &CandidateEffect,
+        with: &[f64],
+        shown: usize,
+    ) -> Option<Vec<(usize, f64, f64)>> {
         let problem = &candidate.problem;
         if problem.model().states().len() != self.base.model().states().len() {
             return None;
@@ -124,7 +129,7 @@ impl<'a> Look<'a> {
         let change = self.model.rest(&self.segments.without_starts(&self.linear, change));
         let rows = self.segments.rows().zip(change.into_iter().zip(&self.model.residual));
         let points: Vec<(usize, f64, f64)> = rows
-            .filter(|((output, _), _)| *output == 0)
+            .filter(|((output, _), _)| *output == shown)
             .map(|((_, sample), (change, left))| (sample, change, *left))
             .collect();
         points.iter().all(|(_, x, y)| x.is_finite() && y.is_finite()).then_some(points)

@@ -245,6 +245,16 @@ pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<St
     found
 }
 
+/// The output that fails most: whose free run errs by the largest multiple of the noise that is left in it, the
+/// first of several that do so alike.
+pub fn worst_output(problem: &Problem, trajectory: &Trajectory) -> usize {
+    let rhos = (0..problem.model().outputs().len()).map(|output| rho(problem, trajectory, output));
+    let worse = |worst: (usize, f64), (output, rho): (usize, f64)| {
+        if rho > worst.1 { (output, rho) } else { worst }
+    };
+    rhos.map(|rho| rho.unwrap_or(0.0)).enumerate().fold((0, 0.0), worse).0
+}
+
 /// Free-run error over the innovation deviation of the AR model of the free-run residual, on the training
 /// part.
 fn rho(problem: &Problem, trajectory: &Trajectory, output: usize) -> Option<f64> {
