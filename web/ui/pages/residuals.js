@@ -2,6 +2,7 @@
 import { html } from '../html.js';
 import { number, signed, percent } from '../format.js';
 import { Frame } from '../parts/frame.js';
+import { Term } from '../parts/term.js';
 import { Bars } from '../charts/bars.js';
 import { Curve } from '../charts/curve.js';
 
@@ -36,7 +37,7 @@ export function ByLag({ inputs: all, path }) {
     <div class="small-multiples">${inputs.map(
       input => html`<section>
         <p><b>${input.channel}</b> <span class="quiet nowrap">${signed(input.correlation)} at ${number(input.lag_hours)} h</span>
-          ${input.feedback && html` <span class="flag">closed loop: weaker evidence</span>`}</p>
+          ${input.feedback && html` <${Term} class="flag" of="closed loop">closed loop: weaker evidence</${Term}>`}</p>
         <${Curve} height=${130} range=${[-most, most]} at=${HOURS} zero xLabel="lag, h" yLabel="correlation"
           lines=${[{ colour: 'model', open: true, points: input.correlations.map((value, at) => [input.lags_hours[at], value]) }]}
           label=${`${input.channel}: ${signed(input.correlation)} at a lag of ${number(input.lag_hours)} h.`} />
@@ -52,8 +53,8 @@ export function Innovations({ data, path, rho, floor, unit }) {
   const outside = shown.filter(value => Math.abs(value) > data.acf_band).length;
   const says = `One-step errors against themselves: ${outside} of ${shown.length} lags lie outside of what chance alone would give (±${number(data.acf_band)}).`;
   return html`
-    <p class="note">What follows is of the one-step errors, whose noise floor is ${number(floor)} ${unit}. They must look like noise in a good model, and
-      may do so in a bad one. The free run errs by ${number(rho)} times the noise that is left in it${rho > 1.6 ? ': something physical is probably missing' : ''}.</p>
+    <p class="note">What follows is of the <${Term} of="innovation">one-step errors</${Term}>, whose <${Term} of="noise floor">noise floor</${Term}> is ${number(floor)} ${unit}. They must look like noise in a good model, and
+      may do so in a bad one. The free run errs by <${Term} of="rho">${number(rho)} times</${Term}> the noise that is left in it${rho > 1.6 ? ': something physical is probably missing' : ''}.</p>
     <div class="grid">
       <${Frame} title="Innovations: autocorrelation" path=${path} summary=${says} note=${says}
         table=${() => ({
