@@ -14,6 +14,7 @@ import { reports } from './reports.js';
 import { said } from './said.js';
 import { schedules } from './schedules.js';
 import { states } from './states.js';
+import { terms } from './terms.js';
 import { tokens } from './tokens.js';
 
 const service = await demo(process.env.LAMPYRIS_BINARY);
@@ -44,6 +45,7 @@ try {
     await ledger(chrome, service);
     await story(chrome, service);
     await edges(chrome, service);
+    await terms(chrome, service);
     await schedules(chrome, service);
     await pages(chrome, service);
   }

@@ -23,7 +23,7 @@ const DRAWN = {
   diagnose: ['article.finding .pair svg', 'figure:has-text("Heat that is missing") svg.chart rect'],
   ladder: ['svg.ladder path.mark, svg.ladder circle'],
 };
-const OF_A_FIT = ['.strips canvas', 'svg.heat rect.cell', 'svg.rail', 'tr:has-text("G3 time constants")', 'tr:has-text("T_room, free run")'];
+const OF_A_FIT = ['.strips canvas', 'svg.heat rect.cell', 'svg.rail', 'tr:has-text("Time constants")', 'tr:has-text("T_room, free run")'];
 
 export async function reports(chrome, binary) {
   const folder = mkdtempSync(join(tmpdir(), 'lampyris-reports-'));
@@ -47,7 +47,7 @@ export async function reports(chrome, binary) {
           for (const drawn of [...OF_A_FIT, ...DRAWN[kind]]) await page.locator(drawn).first().waitFor();
           holds((await page.locator('.screen').count()) === 0, `${kind}: ${await page.locator('.screen').allInnerTexts()}`);
           // A horizon, an episode and an effect are looked at without leaving the file.
-          await page.getByRole('button', { name: '6 h ahead' }).click();
+          await page.getByRole('group', { name: 'What the model knows' }).getByRole('button', { name: '6 h ahead' }).click();
           await page.getByText('the forecast that was made 6 h before').waitFor();
           await page.getByRole('button', { name: /^Show .* in the chart/ }).first().click();
           await page.waitForURL(/#.*from=/);

@@ -30,7 +30,8 @@ function carried(path) {
   const [place, query] = path.split('?');
   const asked = new URLSearchParams(query);
   for (const name of ['from', 'to', 'max_points']) asked.delete(name);
-  const answer = REPORT.answers[String(asked) ? `${place}?${asked}` : place];
+  const known = decodeURIComponent(place);
+  const answer = REPORT.answers[String(asked) ? `${known}?${asked}` : known];
   if (answer === undefined) throw new Problem(404, { title: 'This is not in the report', detail: 'These measurements do not allow it, or only a service can compute it.' });
   return answer;
 }

@@ -58,6 +58,9 @@ export const signed = (value, decimals = decimalsOf(value ?? 0)) =>
 
 export const percent = value => (value === null || value === undefined ? NONE : `${Math.round(value * 100)} %`);
 
+/** How often chance alone would do it; what is rarer than once in a thousand is told as that. */
+export const chance = p => (p !== null && p < 0.001 ? '< 0.001' : number(p, 2));
+
 /** Seconds as `7 h`, `3 d`, `10 ms`. */
 export function length(seconds) {
   if (seconds === null || seconds === undefined) return NONE;
@@ -111,8 +114,44 @@ export function horizon(text) {
   return [days && `${days} d`, hours && `${hours} h`, minutes && `${minutes} min`].filter(Boolean).join(' ');
 }
 
+/** How a number lies to its limit. */
+export const operator = text => ({ '<=': '≤', '>=': '≥' })[text] ?? text;
+
 /** `barely_better_than_persistence` as words. */
 export const words = text => (text ?? '').replaceAll('_', ' ');
+
+/** A check of the gate such as `G4 beats persistence`: its rule, and its name as the beginning of a sentence. */
+export function checkOf(name) {
+  const [, rule = null, rest] = /^(G\d+) (.*)$/.exec(name) ?? [null, null, name];
+  return { rule, name: rest[0].toUpperCase() + rest.slice(1) };
+}
+
+/** The title of a parameter; a member of a family such as `alpha_n[81]` has that of `alpha_n`. */
+export const titleFor = (symbol, titles) => titles[symbol] ?? titles[symbol.split('[')[0]];
+
+/** A parameter as people call it, with its symbol where both are known. */
+export const named = (symbol, titles) => (titleFor(symbol, titles) ? `${titleFor(symbol, titles)} (${symbol})` : symbol);
+
+/**
+ * A sentence of the service without its codes: instants on the clock of a zone, `PT6H` as `6 h`, `G4 beats persistence` as
+ * its name, `at_bound:alpha_e` in words, and parameters by their titles.
+ */
+export function plainly(text, { zone = 'UTC', titles = {} } = {}) {
+  // A symbol of one letter may as well be a word.
+  const symbols = Object.keys(titles)
+    .filter(symbol => symbol.length > 1)
+    .map(symbol => symbol.replaceAll(/[^\w]/g, '\\$&'));
+  const flags = /\b(at_bound|non_identifiable|undetermined|unseen|waived):([\w[\]]+)/g;
+  const said = (text ?? '')
+    .replaceAll(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, at => clock(at, zone))
+    .replaceAll(/\bP(?:\d+D)?(?:T\d+[HM])?\b/g, code => (code.length > 1 ? horizon(code) : code))
+    .replaceAll(/\bby G\d+ ([^:;]+)/g, 'by the check “$1”')
+    .replaceAll(/\bG\d+ (?=[a-z])/g, '')
+    .replaceAll(flags, (_, kind, symbol) => `${words(kind)}: ${symbol.length > 1 ? symbol : named(symbol, titles)}`)
+    .replaceAll(/\b(free_run|barely_better_than_persistence|low_confidence|promoted_by_operator)\b/g, words);
+  if (symbols.length === 0) return said;
+  return said.replaceAll(new RegExp(`(?<![\\w/:+(])(?:${symbols.join('|')})(?:\\[\\w+\\])?(?![\\w:+[])`, 'g'), symbol => named(symbol, titles));
+}
 
 /** How a fit is called in a list. */
 export const fitName = fit => `${clock(fit.created_at)} ${fit.model} (${fit.served ? 'served' : (fit.verdict ?? 'not judged')})`;

@@ -3,12 +3,14 @@ import { html, useState, useEffect } from '../html.js';
 import { ask, useResource, post, put } from '../api.js';
 import { setQuery, here, systemAddress } from '../router.js';
 import { say } from '../say.js';
-import { number, fixed, horizon } from '../format.js';
+import { number, fixed, horizon, titleFor } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Failed, NotSaved } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Equations } from '../parts/equations.js';
 import { Status } from '../parts/status.js';
+import { useTitles } from '../parts/names.js';
+import { explained } from '../parts/term.js';
 import { Outputs, outputIn } from '../parts/outputs.js';
 import { LadderChart } from '../charts/ladder.js';
 
@@ -142,7 +144,7 @@ function Outcome({ ladder, model, undo, serve }) {
   const change = (key, name) =>
     Number.isFinite(before[key]) &&
     Number.isFinite(after[key]) &&
-    html`<div><dt>${name}</dt><dd>${fixed(before[key])} → ${fixed(after[key])} ${after.unit}</dd></div>`;
+    html`<div><dt>${explained(name)}</dt><dd>${fixed(before[key])} → ${fixed(after[key])} ${after.unit}</dd></div>`;
   const fell = after.validation_rmse < before.validation_rmse * FALL;
   const overfit = !fell && after.train_rmse < before.train_rmse * FALL && after.validation_rmse > before.validation_rmse / FALL;
   const ahead = Object.keys(after.ahead ?? {}).filter(key => before.ahead?.[key]);
@@ -160,7 +162,7 @@ function Outcome({ ladder, model, undo, serve }) {
       ${sooner.length > 0 ? ` Forecasts ${sooner.map(horizon).join(' and ')} ahead did become better.` : ''}</p>`
     }
     <dl class="figures">${change('train_rmse', 'train')}${change('validation_rmse', 'validation')}${change('test_rmse', 'test, never used')}
-      ${ahead.map(key => html`<div><dt>${horizon(key)} ahead</dt><dd>
+      ${ahead.map(key => html`<div><dt>${explained(`${horizon(key)} ahead`)}</dt><dd>
         ${fixed(before.ahead[key].rmse)} → ${fixed(after.ahead[key].rmse)} ${after.unit}</dd></div>`)}</dl>
     <p class="row"><button class=${fell ? 'main' : ''} onClick=${serve}>Use ${model} for the controller</button><button
       class=${fell ? '' : 'main'} onClick=${undo}>Take it out again</button></p>
@@ -170,11 +172,12 @@ function Outcome({ ladder, model, undo, serve }) {
 /** The equations of the parent with what the effect adds, marked. */
 function Equation({ change: { model, parent, title } }) {
   const { diff } = model;
+  const titles = useTitles(model.id);
   return html`<div class="card"><h3>${parent} + ${title}</h3>
     <${Equations} model=${parent} diff=${diff} />
     <p class="note">New parameters: ${
       Object.entries(diff.parameters ?? {})
-        .map(([name, entry]) => `${name} (${entry.title}, ${entry.lower} to ${entry.upper} ${entry.unit})`)
+        .map(([name, entry]) => `${titleFor(name, titles) ?? entry.title} (${name}, ${entry.lower} to ${entry.upper} ${entry.unit})`)
         .join('; ') || 'none'
     }.</p>
   </div>`;

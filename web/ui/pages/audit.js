@@ -2,7 +2,7 @@
 import { html } from '../html.js';
 import { useList, useResource, withQuery } from '../api.js';
 import { address, setQuery, systemAddress } from '../router.js';
-import { clock, fromNow, words, NONE } from '../format.js';
+import { clock, fromNow, plainly, words, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
@@ -42,7 +42,7 @@ function Deeds({ items, path, known }) {
       // It may be gone.
       known.includes(deed.system) ? html`<a href=${systemAddress(deed.system)}>${deed.system}</a>` : (deed.system ?? NONE),
       html`<${Subject} deed=${deed} known=${known} />`,
-      deed.reason ?? NONE,
+      deed.reason ? plainly(deed.reason) : NONE,
     ])} /></${Frame}>`;
 }
 

@@ -1,7 +1,8 @@
 // Which estimates err together: all pairs as colours, the strongest in words.
 import { html } from '../html.js';
-import { number, reading, signed } from '../format.js';
+import { named, number, plainly, reading, signed } from '../format.js';
 import { Frame } from '../parts/frame.js';
+import { useTitles } from '../parts/names.js';
 import { Table } from '../parts/table.js';
 import { Curve } from '../charts/curve.js';
 import { Matrix } from '../charts/matrix.js';
@@ -26,8 +27,10 @@ function correlationsOf({ matrix }) {
 export function Correlations({ fit }) {
   const pairs = fit.correlated.toSorted((a, b) => Math.abs(b.correlation) - Math.abs(a.correlation));
   const names = fit.covariance?.parameters ?? [];
-  const said = pair => html`<li>▲ ${fit.remarks.find(remark => isOf(pair, remark)) ??
-    `${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)})`}.
+  const titles = useTitles(fit.model);
+  const remarkOf = pair =>
+    fit.remarks.find(remark => isOf(pair, remark)) ?? `${pair.parameters.join(' and ')} move together (correlation ${number(pair.correlation)})`;
+  const said = pair => html`<li>▲ ${plainly(remarkOf(pair), { titles })}.
     ${pair.ridge.length > 1 && html`<${AlongRidge} pair=${pair} fit=${fit} />`}</li>`;
   const rest = pairs.slice(SAID);
   return html`
@@ -62,16 +65,18 @@ function Pairs({ fit, names }) {
 /** Where the first of a pair is held and all else is fitted again: the least cost, and what the second becomes. */
 function AlongRidge({ pair, fit }) {
   const [held, other] = pair.parameters;
+  const titles = useTitles(fit.model);
   const unit = name => (fit.parameters[name].unit === '-' ? '' : fit.parameters[name].unit);
+  const axis = name => `${named(name, titles)} ${unit(name)}`;
   const across = [pair.ridge[0].values[0], pair.ridge.at(-1).values[0]];
   const drawn = (what, points) => html`<div><b>${what}</b>
-    <${Curve} height=${150} xLabel=${`${held} ${unit(held)}`} yLabel="" across=${across} label=${`${what} where ${held} is held`}
+    <${Curve} height=${150} xLabel=${axis(held)} yLabel="" across=${across} label=${`${what} where ${held} is held`}
       lines=${[{ label: '', colour: 'model', open: true, points }]} /></div>`;
-  return html`<details><summary>Along the ridge: ${held} is held, all else is fitted again</summary>
+  return html`<details><summary>Along the ridge: ${named(held, titles)} is held, all else is fitted again</summary>
     <div class="small-multiples">
       ${drawn('least cost', pair.ridge.map(point => [point.values[0], point.cost]))}
-      ${drawn(`${other} ${unit(other)}`, pair.ridge.map(point => point.values))}
+      ${drawn(axis(other), pair.ridge.map(point => point.values))}
     </div>
-    <${Table} caption=${`${held} is held, all else is fitted again`} columns=${[[held, 'number'], [other, 'number'], ['least cost', 'number']]}
+    <${Table} caption=${`${held} is held, all else is fitted again`} columns=${[[axis(held), 'number'], [axis(other), 'number'], ['least cost', 'number']]}
       rows=${pair.ridge.map(({ values, cost }) => [...values.map(value => number(value, 4)), number(cost, 4)])} /></details>`;
 }

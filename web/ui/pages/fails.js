@@ -83,7 +83,7 @@ function Failures({ data, ahead, path, zoom, zone }) {
           columns=${[[ahead ? 'forecast' : 'output'], ['rmse', 'number'], ['holding the last value', 'number'], ['bias', 'number'], ['r²', 'number']]}
           rows=${Object.entries(data.by_horizon).flatMap(([name, rows]) => rows.map(row =>
             [`${name}, ${horizon(row.horizon)}`, `${fixed(row.rmse)} ${data.skill[name].unit}`,
-              `${fixed(row.persistence_rmse)} ${data.skill[name].unit}`, signed(row.bias), number(row.r2)]))} />
+              `${fixed(row.persistence_rmse)} ${data.skill[name].unit}`, `${signed(row.bias)} ${data.skill[name].unit}`, number(row.r2)]))} />
         <p class="note">Judged on the ${data.judged_on} part.${ahead ? '' : ` ${NO_FORECASTS}`}</p>
       </section>
     </div>

@@ -6,6 +6,7 @@ import { setQuery, systemAddress } from '../router.js';
 import { useKeys } from '../keys.js';
 import { number, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
+import { Term } from '../parts/term.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Outputs, outputIn, forecasts, NO_FORECASTS } from '../parts/outputs.js';
 import { Flowsheet } from '../parts/flowsheet.js';
@@ -187,7 +188,7 @@ export function FitTab({ system, fit, fits, metrics, params, document, query: as
     <p class="note">${
       query.mode && query.mode !== 'free_run'
         ? `At each time the forecast that was made ${horizon(query.mode)} before, from the states that the model then had.`
-        : 'One simulation from the start: the model never sees the measured output again.'
+        : html`<${Term} of="free run">One simulation from the start</${Term}>: the model never sees the measured output again.`
     }${ahead ? '' : ` ${NO_FORECASTS}`}</p>
     <${Shown} of=${whole} what="the comparison"
       show=${data => html`<${Chart} whole=${data} fit=${fit} fits=${fits} beside=${beside} metrics=${metrics} query=${query} zone=${document.location?.zone ?? 'UTC'} />`} />`;

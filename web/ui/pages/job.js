@@ -9,6 +9,7 @@ import { Failed, Loading } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Command } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
+import { Term } from '../parts/term.js';
 
 const TABS = { diagnose: 'missing', ladder: 'ladder' };
 
@@ -22,9 +23,9 @@ export function JobPage({ id }) {
   const tab = TABS[now.kind] ?? 'fit';
   return html`
     <div class="row apart"><h1>${now.kind} of <a href=${systemAddress(now.system)}>${now.system}</a></h1>
-      <span class="row">${now.outcome && html`<${Status} of=${now.outcome} />`}<button onClick=${again}>Run it again</button></span></div>
-    <p class="quiet">${now.model}; ${now.origin}${now.experiment ?
-      ', an experiment that never changes what is served' : ''}; asked for ${clock(now.created_at)}.</p>
+      <span class="row">${now.outcome && html`<${Status} of=${now.outcome} help />`}<button onClick=${again}>Run it again</button></span></div>
+    <p class="quiet">${now.model}; ${now.origin}${now.experiment &&
+      html`, an <${Term} of="experiment">experiment</${Term}> that never changes what is served`}; asked for ${clock(now.created_at)}.</p>
     ${
       now.fit &&
       html`<p class="row"><a class="button"

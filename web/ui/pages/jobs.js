@@ -59,7 +59,7 @@ function rowOf(job, report) {
   const act = word => () => post(`/jobs/${job.id}/${word}`).then(() => say(word === 'cancel' ? 'Cancelled' : 'Asked for again'), sayFault);
   return [
     html`<a href=${address(['jobs', job.id])}>${job.id.slice(0, 12)}…</a>`,
-    html`<${Status} of=${job.state} />${job.outcome ? html`<br /><${Status} of=${job.outcome} />` : ''}`,
+    html`<${Status} of=${job.state} help="quiet" />${job.outcome ? html`<br /><${Status} of=${job.outcome} help="quiet" />` : ''}`,
     job.kind,
     html`<a href=${systemAddress(job.system)}>${job.system}</a>`,
     job.model,

@@ -3,7 +3,7 @@ import { html, useState } from '../html.js';
 import { ask, useResource, useList, post } from '../api.js';
 import { hasEnded } from '../events.js';
 import { sayFault } from '../say.js';
-import { number, fixed, horizon, clock } from '../format.js';
+import { number, fixed, horizon, clock, plainly } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Status } from '../parts/status.js';
 import { Empty, Failed, Loading } from '../parts/screens.js';
@@ -81,7 +81,7 @@ export function Ladder({ data, path, climb }) {
         ...['train_rmse', 'validation_rmse', 'test_rmse'].map(key => `${fixed(step[key])} ${unit}`),
         ...Object.keys(first.ahead).map(key => `${fixed(step.ahead[key])} ${unit}`),
         html`<span class="nowrap"><${Status} of=${step.kept ? 'ok' : 'cancelled'} label=${step.kept ? 'kept' : 'not kept'} /></span>`,
-        step.why,
+        plainly(step.why),
       ])} />`;
 }
 

@@ -4,6 +4,7 @@ import { useResource } from '../api.js';
 import { address } from '../router.js';
 import { number, percent, day, seconds, words, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
+import { Term } from '../parts/term.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Windows } from '../charts/windows.js';
 
@@ -19,7 +20,7 @@ const COLUMNS = [
 export function Ledger({ system, model }) {
   const path = `/systems/${system}/evidence?model=${encodeURIComponent(model)}`;
   const evidence = useResource(path);
-  return html`<section class="ledger" aria-labelledby="ledger"><h2 id="ledger">What all windows show together</h2>
+  return html`<section class="ledger" aria-labelledby="ledger"><h2 id="ledger">What all windows show <${Term} of="pooled">together</${Term}></h2>
     <${Shown} of=${evidence} what="what the windows show" show=${({ effects }) =>
       effects.length === 0
         ? html`<${Empty} title="No window has been added up yet"><p>Every diagnosis of ${model} adds what its window shows of every effect.

@@ -1,6 +1,8 @@
 // What a maximised likelihood says: its noise, where the local runs ended, and how sharply it is peaked in each parameter.
 import { html } from '../html.js';
-import { number, fixed, NONE } from '../format.js';
+import { number, named, NONE } from '../format.js';
+import { useTitles } from '../parts/names.js';
+import { Term } from '../parts/term.js';
 import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
 import { Curve } from '../charts/curve.js';
@@ -12,13 +14,13 @@ export function Likelihood({ fit }) {
   const found = fit.likelihood;
   if (!found) return null;
   const noises = [
-    ...Object.entries(found.diffusion).map(([name, noise]) => [`diffusion of ${name}`, noise]),
-    ...Object.entries(found.measurement).map(([name, noise]) => [`sensor ${name}`, noise]),
+    ...Object.entries(found.diffusion).map(([name, noise]) => [html`<${Term} of="diffusion">diffusion</${Term}> of ${name}`, noise]),
+    ...Object.entries(found.measurement).map(([name, noise]) => [html`<${Term} of="sensor noise">sensor</${Term}> ${name}`, noise]),
   ];
   return html`<section>
     <h2>Likelihood</h2>
-    <p>Log-likelihood ${fixed(found.log_likelihood)} over ${found.innovations} one-step innovations with ${found.estimated} estimated numbers:
-      AIC ${fixed(found.aic)}, BIC ${fixed(found.bic)}. ${found.exact ? 'The steps are exact.' : 'The filter is the extended one.'}</p>
+    <p><${Term} of="log-likelihood">Log-likelihood</${Term}> ${number(found.log_likelihood, 6)} over ${found.innovations} one-step <${Term} of="innovation">innovations</${Term}> with ${
+      found.estimated} estimated numbers: <${Term} of="AIC">AIC</${Term}> ${number(found.aic, 6)}, <${Term} of="BIC">BIC</${Term}> ${number(found.bic, 6)}. ${found.exact ? 'The steps are exact.' : 'The filter is the extended one.'}</p>
     <${Table} caption="Noise" hidden columns=${[['noise'], ['value', 'number'], ['95 % interval', 'number'], ['']]}
       rows=${noises.map(([name, noise]) => [
         name,
@@ -55,6 +57,7 @@ function Waterfall({ fit, starts, reason }) {
 
 /** The likelihood along each parameter, all others at their best. */
 function Profiles({ fit, found }) {
+  const titles = useTitles(fit.model);
   const entries = Object.entries(found.profiles);
   if (entries.length === 0) return null;
   const side = value => (value === null ? 'open' : number(value));
@@ -69,8 +72,9 @@ function Profiles({ fit, found }) {
     <div class="small-multiples">${entries.map(([name, profile]) => {
       const peak = Math.max(...profile.log_likelihood);
       const ends = [profile.values[0], profile.values.at(-1)];
-      const unit = fit.parameters[name]?.unit ?? '';
-      return html`<div><b>${name}</b> <small class="quiet">${side(profile.ci95[0])} to ${side(profile.ci95[1])} ${unit}</small>
+      const { unit: own = '' } = fit.parameters[name] ?? {};
+      const unit = own === '-' ? '' : own;
+      return html`<div><b>${named(name, titles)}</b> <small class="quiet">${side(profile.ci95[0])} to ${side(profile.ci95[1])} ${unit}</small>
         <${Curve} height=${130} xLabel=${unit} yLabel="" label=${`${name}: 95 % from ${side(profile.ci95[0])} to ${side(profile.ci95[1])}`}
           across=${ends} range=${[Math.min(-4, ...profile.log_likelihood.map(value => value - peak)), 0]}
           peaks=${fit.parameters[name] ? [{ x: fit.parameters[name].value, text: number(fit.parameters[name].value) }] : []}

@@ -5,8 +5,10 @@ import { setQuery, address, systemAddress } from '../router.js';
 import { REPORT } from '../carried.js';
 import { hasEnded } from '../events.js';
 import { sayFault } from '../say.js';
-import { number, percent, horizon, clock, signed, fixed, NONE } from '../format.js';
+import { number, percent, horizon, clock, signed, fixed, chance, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
+import { Parameter, useTitles } from '../parts/names.js';
+import { Term } from '../parts/term.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Failed, Loading, Empty } from '../parts/screens.js';
@@ -74,7 +76,7 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
     </div>
     <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span
       class="quiet">Model ${data.model}, ${clock(data.created_at)}. ${
-        weighed ? `Noise floor ${number(data.noise_floor_rmse)}; the error is ${number(data.rho)} times what noise would leave.` : ''
+        weighed ? html`<${Term} of="noise floor">Noise floor</${Term}> ${number(data.noise_floor_rmse)} ${several ? 'times the noise of the sensors' : (first?.[1].unit ?? '')}; the error is <${Term} of="rho">${number(data.rho)} times</${Term}> what noise would leave.` : ''
       }</span></p>
     ${several && weighed && html`<p class="note">Errors are those of all outputs together, each in the noise of its sensor. What is drawn over time
       is ${erring}${erring === worstOutput(metrics) ? ', which fails most' : `; ${worstOutput(metrics)} fails most`}.</p>`}
@@ -114,7 +116,7 @@ function Present({ effects }) {
       columns=${[['effect'], ['model without it'], ['size', 'number'], ['deviation', 'number'], ['unit'], ['t', 'number'], ['of the error', 'number'], ['p of shifts', 'number'], ['windows', 'number']]}
       rows=${effects.map(({ effect, model, score, pooled }) => [
         effect, model, number(score.size), number(score.deviation), score.unit, number(score.t), percent(score.share),
-        score.shift_p === null ? NONE : number(score.shift_p), pooled?.windows ?? 0,
+        chance(score.shift_p), pooled?.windows ?? 0,
       ])} /></details></section>`;
 }
 
@@ -130,9 +132,10 @@ function Finding({ finding, data, path, output, zone, added, add }) {
     ...Object.entries(finding.rmse.validation_ahead ?? {}).map(([key, pair]) => [`${horizon(key)} ahead`, pair]),
   ].filter(([, pair]) => pair);
   const most = Math.max(...pairs.flatMap(([, pair]) => pair).filter(Number.isFinite));
+  const titles = useTitles(`${data.model}+${finding.effect}`);
   const before = data.findings.slice(0, finding.rank - 1).map(entry => entry.title);
   return html`<article class="card finding" aria-label=${finding.title}>
-    <div class="row apart"><h3>${finding.rank}. ${finding.title} <span class="quiet">${finding.kind === 'refinement' ? 'a refinement' : ''}
+    <div class="row apart"><h3>${finding.rank}. ${finding.title} <span class="quiet">${finding.kind === 'refinement' ? html`a <${Term} of="refinement">refinement</${Term}>` : ''}
       </span></h3>
       ${added ? html`<${Status} of="ok" label="added" />` : add && html`<button class="main" onClick=${add}>Add and refit: ${finding.title}</button>`}</div>
     <p>${finding.explain} ${before.length > 0 && html`<span class="quiet">Found after ${before.join(' and ')} was in the model.</span>`}</p>
@@ -144,20 +147,20 @@ function Finding({ finding, data, path, output, zone, added, add }) {
         )}
       </div>
       <div>
-        ${finding.segments && html`<p><b>Over ${number(finding.segments.hours)} h</b> it explains ${percent(finding.segments.share)} of the error:
-          t ${number(finding.segments.t)}, ${number(finding.segments.beyond_clock)} beyond the clock, on ${finding.segments.days} days;
-          p ${number(finding.segments.p)} over all effects, ${number(finding.segments.shift_p)} for its channels shifted by days.</p>`}
+        ${finding.segments && html`<p><b>Over ${number(finding.segments.hours)} h</b> it explains ${percent(finding.segments.share)} of the error: <${Term} of="t value">t</${Term}> ${
+          number(finding.segments.t)}, ${number(finding.segments.beyond_clock)} <${Term} of="beyond the clock">beyond the clock</${Term}>, on ${finding.segments.days} days; <${Term} of="p value">p</${Term}> ${chance(finding.segments.p)} over all effects, ${
+          chance(finding.segments.shift_p)} for its channels <${Term} of="shift p">shifted by days</${Term}>.</p>`}
         ${finding.pooled?.windows > 1 && html`<p>${finding.pooled.sentence}</p>`}
         ${finding.pooled?.taken_back && html`<p>▲ ${finding.pooled.taken_back.sentence}</p>`}
         <p>Explains ${finding.explained_share === null ?
-          NONE : percent(finding.explained_share)} of the error on unseen data beyond the noise; gains ${number(finding.delta_bic)} in BIC.</p>
+          NONE : percent(finding.explained_share)} of the error on unseen data beyond the noise; gains ${number(finding.delta_bic)} in <${Term} of="gain in BIC">BIC</${Term}>.</p>
         ${finding.tied_with.length > 0 &&
-          html`<p>▲ The data cannot tell it from ${finding.tied_with.join(', ')}. ${finding.separate_by ?
+          html`<p>▲ The data <${Term} of="tie">cannot tell it</${Term}> from ${finding.tied_with.join(', ')}. ${finding.separate_by ?
             `To tell them apart: ${finding.separate_by}.` : ''}</p>`}
         <ul>${finding.evidence.map(sentence => html`<li>${sentence}</li>`)}</ul>
         <details><summary>Its parameters</summary><${Table} caption="Parameters of this effect" hidden
           columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['unit'], ['']]}
-          rows=${Object.entries(finding.parameters).map(([name, entry]) => [name, number(entry.value), entry.ci95 ?
+          rows=${Object.entries(finding.parameters).map(([name, entry]) => [html`<${Parameter} symbol=${name} titles=${titles} />`, number(entry.value), entry.ci95 ?
             `${number(entry.ci95[0])} to ${number(entry.ci95[1])}` : NONE, entry.unit, entry.at_bound ?
               html`<${Status} of="bad" label="at bound" />` : ''])} /></details>
       </div>
@@ -201,8 +204,8 @@ function Unexplained({ unexplained, path, system, model, output, unit }) {
       <${Table} caption=${output ? `When ${output} is worst` : 'When it is worst'} columns=${[['from'], ['bias', 'number'], ['rmse', 'number'], ['']]}
         rows=${unexplained.episodes.map(episode => [
           clock(episode.from),
-          signed(episode.bias),
-          fixed(episode.rmse),
+          `${signed(episode.bias)} ${unit}`,
+          `${fixed(episode.rmse)} ${unit}`,
           html`<a href=${systemAddress(system, 'fit', { from: episode.from, to: episode.to, output })}>Show</a>`,
         ])} />
     </div>

@@ -4,6 +4,7 @@ import { useResource } from '../api.js';
 import { REPORT } from '../carried.js';
 import { address } from '../router.js';
 import { number } from '../format.js';
+import { titleOf } from '../parts/names.js';
 import { Table } from '../parts/table.js';
 import { Shown } from '../parts/screens.js';
 import { Equations, Typeset } from '../parts/equations.js';
@@ -49,7 +50,7 @@ export function EffectPage({ id }) {
       ...Object.entries(data.outputs ?? {})].map(([place, term]) => html`<div>${place} = …<ins>+ ${term}</ins></div>`)}</div>
     <${Table} caption="Parameters" columns=${[['name'], ['what it is'], ['unit'], ['lower', 'number'], ['upper', 'number'], ['nominal',
       'number'], ['scale']]}
-      rows=${Object.entries(data.parameters ?? {}).map(([name, entry]) => [name, entry.title, entry.unit, number(entry.lower),
+      rows=${Object.entries(data.parameters ?? {}).map(([name, entry]) => [name, general(titleOf(entry)), entry.unit, number(entry.lower),
         number(entry.upper), number(entry.nominal), entry.scale])} />
     ${
       Object.keys(data.inputs ?? {}).length > 0 &&

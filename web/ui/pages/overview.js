@@ -5,9 +5,10 @@ import { address, systemAddress, setQuery, go } from '../router.js';
 import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
-import { NONE, length, fixed, fromNow, clock } from '../format.js';
+import { NONE, length, fixed, fromNow, clock, plainly } from '../format.js';
 import { forecasts } from '../parts/outputs.js';
 import { Status, Flags } from '../parts/status.js';
+import { explained } from '../parts/term.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Command } from '../parts/frame.js';
 import { Spark } from '../charts/spark.js';
@@ -164,9 +165,9 @@ function Systems({ rows, running, query }) {
       <caption class="unseen">Systems, worst first</caption>
       <thead><tr>
         <th scope="col"><span class="unseen">Selected</span></th><th scope="col">System</th><th scope="col">Health, and why</th><th
-          scope="col">Served</th>
-        <th scope="col" class="number">24 h ahead</th><th scope="col">Validation</th><th scope="col">Fails most</th><th
-          scope="col">Flags</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
+          scope="col">${explained('Served')}</th>
+        <th scope="col" class="number">${explained('24 h ahead')}</th><th scope="col">${explained('Validation')}</th><th
+          scope="col">${explained('Fails most')}</th><th scope="col">${explained('Flags')}</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
       </tr></thead>
       <tbody>${shown.map(
         (
@@ -176,8 +177,8 @@ function Systems({ rows, running, query }) {
         <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
         <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small
           title=${row.label}>${row.label || row.model}</small></th>
-        <td><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${breakable(row.why)}</div></td>
-        <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
+        <td><${Status} of=${row.health} help="quiet" /><div class="why clamped" title=${row.why}>${breakable(plainly(row.why))}</div></td>
+        <td class="nowrap"><${Status} of=${row.status ?? 'none'} help="quiet" /><small>
           ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
         <td class="number">${row.day === null ? NONE : `${fixed(row.day)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
         <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))} ${row.unit}${row.several ? ` of ${row.several}` : ''}</small>` : NONE}</td>

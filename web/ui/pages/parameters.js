@@ -4,8 +4,10 @@ import { useResource, useList, post, put, remove } from '../api.js';
 import { REPORT } from '../carried.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { number, fixed, clock, words, NONE } from '../format.js';
-import { Status, Flags } from '../parts/status.js';
+import { number, fixed, clock, words, checkOf, named, operator, plainly, titleFor, NONE } from '../format.js';
+import { Status, Flags, Check } from '../parts/status.js';
+import { Parameter, useParameters, useTitles } from '../parts/names.js';
+import { Term, explained } from '../parts/term.js';
 import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
 import { Equations, Typeset } from '../parts/equations.js';
@@ -17,6 +19,9 @@ import { Correlations, isOf } from './correlations.js';
 import { Likelihood } from './likelihood.js';
 import { Said } from './said.js';
 import { States } from './states.js';
+
+/** The unit of a number; a ratio has none. */
+const unitOf = ({ unit }) => (unit === '-' ? '' : unit);
 
 export function Parameters({ system, document, params, fit, reload }) {
   const chosen = useResource(fit && `/fits/${fit}`);
@@ -62,46 +67,45 @@ function Served({ params, ask: asking, system, done }) {
     }, sayFault);
   return html`<section class="card row apart">
     <div><b>The controller gets revision ${params.revision}</b> <${Status}
-      of=${params.status} /> <${Flags} of=${params.flags} />
+      of=${params.status} help /> <${Flags} of=${params.flags} model=${params.model} />
       <p class="quiet">Fitted ${clock(params.fitted_at)}; stale after ${clock(params.stale_after)}.
       ${params.fallback ? ` ${words(params.fallback.reason)} since ${clock(params.fallback.since)}${params.fallback.failed_checks?.length ?
-        `: ${params.fallback.failed_checks.join(', ')}` : ''}.` : ''}
+        `: ${params.fallback.failed_checks.map(check => checkOf(check).name).join(', ')}` : ''}.` : ''}
       ${params.pin ? ` Kept since ${clock(params.pin.since)}: ${params.pin.reason}.` : ''}</p></div>
     ${params.pin ? html`<button onClick=${release}>Release it</button>` : html`<button onClick=${hold}>Keep it in service (pin)</button>`}
   </section>`;
 }
 
 export function Values({ fit, history }) {
-  const model = useResource(`/models/${encodeURIComponent(fit.model)}`);
-  const scales = Object.fromEntries((model.data?.parameters ?? []).map(parameter => [parameter.name, parameter]));
+  const { titles, scaleOf } = useParameters(fit.model);
   const before = history.find(revision => revision.fit !== fit.id)?.parameters ?? {};
   const entries = Object.entries(fit.parameters);
   const interval = ci => (ci ? `${number(ci[0])} to ${number(ci[1])}` : NONE);
   return html`<${Frame} title=${`Parameters of ${fit.model}`} path=${`/fits/${fit.id}`} drawn=${false}
     summary=${`${entries.filter(([, entry]) => entry.at_bound).length} of ${entries.length} lie at a bound.`}
-      table=${() => ({ columns: [['parameter'], ['value', 'number'], ['low', 'number'], ['high', 'number'], ['lower bound', 'number'],
-        ['upper bound', 'number'], ['unit']], rows: entries.map(([name, entry]) => [name, number(entry.value, 6), number(entry.ci95?.[0],
+      table=${() => ({ columns: [['parameter'], ['what it is'], ['value', 'number'], ['low', 'number'], ['high', 'number'],
+        ['lower bound', 'number'], ['upper bound', 'number'], ['unit']], rows: entries.map(([name, entry]) => [name, titleFor(name, titles) ?? '', number(entry.value, 6), number(entry.ci95?.[0],
           6), number(entry.ci95?.[1], 6), entry.bounds[0], entry.bounds[1], entry.unit]) })}>
     <${Table} caption="Parameters" hidden
       columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['between its bounds'], ['bounds', 'number'],
         ...(history.length ? [['since before', 'number'], ['history']] : [])]}
       rows=${entries.map(([name, entry]) => [
-        html`${name}<br /><small class="quiet">${scales[name]?.title ?? ''}</small>`,
-        html`<b>${number(entry.value)}</b> ${entry.unit === '-' ? '' : entry.unit}${entry.fixed ? ' (fixed)' : ''}`,
-        interval(entry.ci95),
-        html`<${Rail} value=${entry.value} interval=${entry.ci95} bounds=${entry.bounds} log=${scales[name]?.scale === 'log'}
+        html`<${Parameter} symbol=${name} titles=${titles} />`,
+        html`<b title=${entry.value}>${number(entry.value)}</b> ${unitOf(entry)}${entry.fixed ? ' (fixed)' : ''}`,
+        html`<span title=${entry.ci95?.join(' to ')}>${interval(entry.ci95)}</span> ${entry.ci95 ? unitOf(entry) : ''}`,
+        html`<${Rail} value=${entry.value} interval=${entry.ci95} bounds=${entry.bounds} log=${scaleOf(name) === 'log'}
           atBound=${entry.at_bound} />
-          ${entry.at_bound ? html`<${Status} of="bad" label="at bound" />` : ''}`,
-        html`${number(entry.bounds[0])} to ${number(entry.bounds[1])}<br /><small class="quiet">
-          ${scales[name]?.scale === 'log' ? 'logarithmic' : 'linear'}</small>`,
+          ${entry.at_bound ? html`<${Status} of="bad" label=${html`<${Term} of="at bound">at bound</${Term}>`} />` : ''}`,
+        html`${number(entry.bounds[0])} to ${number(entry.bounds[1])} ${unitOf(entry)}<br /><small class="quiet">
+          ${scaleOf(name) === 'log' ? explained('logarithmic') : 'linear'}</small>`,
         ...(history.length
           ? [
-              before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))}`,
+              before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))} ${unitOf(entry)}`,
               html`<${OfRevisions} name=${name} history=${history} unit=${entry.unit} />`,
             ]
           : []),
       ])} />
-    ${fit.remarks.filter(remark => !fit.correlated.some(pair => isOf(pair, remark))).map(remark => html`<p class="note">${remark}</p>`)}
+    ${fit.remarks.filter(remark => !fit.correlated.some(pair => isOf(pair, remark))).map(remark => html`<p class="note">${plainly(remark, { titles })}</p>`)}
   </${Frame}>
   <${Correlations} fit=${fit} />`;
 }
@@ -130,10 +134,12 @@ function OfRevisions({ name, history, unit }) {
 }
 
 export function Judgement({ fit, ask: asking, done }) {
+  const titles = useTitles(fit.model);
+  const summary = plainly(fit.summary, { titles });
   const decide = (word, title) => () =>
     asking({
       title,
-      text: `${fit.model}, ${fit.summary}`,
+      text: `${fit.model}, ${summary}`,
       word: title.split(' ')[0],
       act: reason =>
         post(`/fits/${fit.id}/${word}`, { reason }).then(() => {
@@ -142,20 +148,20 @@ export function Judgement({ fit, ask: asking, done }) {
         }),
     });
   return html`<section>
-    <div class="row apart"><h2>What the gate says: <${Status} of=${fit.verdict ?? 'unknown'} /></h2>
+    <div class="row apart"><h2>What the <${Term} of="gate">gate</${Term}> says: <${Status} of=${fit.verdict ?? 'unknown'} help /></h2>
       ${fit.waits_for_operator && html`<span class="row"><button class="main"
         onClick=${decide('promote', 'Promote to the controller')}>Promote</button><button
           onClick=${decide('reject', 'Reject this fit')}>Reject</button></span>`}</div>
-    <p>${fit.summary[0].toUpperCase()}${fit.summary.slice(1)}.${fit.decision ?
+    <p>${summary[0].toUpperCase()}${summary.slice(1)}.${fit.decision ?
       ` ${words(fit.decision.decision)} on ${clock(fit.decision.decided_at)}: ${fit.decision.reason}.` : ''}</p>
     <${Table} caption="Checks" columns=${[['check'], ['result'], ['statistic', 'number'], ['asked for', 'number'], ['what it means']]}
       rows=${fit.checks.map(check => [
-        check.name,
+        html`<${Check} name=${check.name} />`,
         html`<span class="nowrap"><${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'}
           label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} /></span>`,
-        `${number(check.statistic)} ${check.unit === '-' ? '' : check.unit}`,
-        `${check.operator} ${number(check.threshold)}`,
-        check.comment,
+        html`<span title=${check.statistic}>${number(check.statistic)}</span> ${unitOf(check)}`,
+        check.threshold === null ? NONE : `${operator(check.operator)} ${number(check.threshold)} ${unitOf(check)}`,
+        plainly(check.comment, { titles }),
       ])} />
   </section>`;
 }

@@ -2,6 +2,7 @@
 import { html } from '../html.js';
 import { number, signed, percent } from '../format.js';
 import { Frame } from '../parts/frame.js';
+import { Term } from '../parts/term.js';
 import { Bars } from '../charts/bars.js';
 import { Curve } from '../charts/curve.js';
 
@@ -55,7 +56,7 @@ export function ByLag({ inputs: all, output, about, path }) {
     <div class="small-multiples">${inputs.map(input => {
       const { points, near, far, dots } = saidOf(input);
       return html`<section>
-        <p><b>${input.channel}</b> ${input.feedback && html` <span class="flag">closed loop: weaker evidence</span>`}<br />
+        <p><b>${input.channel}</b> ${input.feedback && html` <${Term} class="flag" of="closed loop">closed loop: weaker evidence</${Term}>`}<br />
           <span class="quiet">${near}${far ? `; ${far}` : ''}</span></p>
         <${Curve} height=${130} range=${[-most, most]} at=${HOURS} zero dots=${dots} xLabel="lag, h" yLabel="correlation"
           lines=${[{ colour: 'model', open: true, points }]} label=${`${input.channel}: ${near}${far ? `; ${far}` : ''}.`} />
@@ -72,8 +73,8 @@ export function Innovations({ data, output, about, path, rho, floor, unit }) {
   const peak = shown.reduce((most, value, at) => (Math.abs(value) > Math.abs(shown[most]) ? at : most), 0);
   const says = `One-step errors of ${output} against themselves: ${outside} of ${shown.length} lags lie outside of what chance alone would give (±${number(data.acf_band)}), the strongest ${signed(shown[peak], 2)} at ${period((peak + 1) * data.step_hours)}.`;
   return html`
-    <p class="note">What follows is of the one-step errors, whose noise floor is ${number(floor)} ${unit}. They must look like noise in a good model, and
-      may do so in a bad one. The free run errs by ${number(rho)} times the noise that is left in it${rho > 1.6 ? ': something physical is probably missing' : ''}.</p>
+    <p class="note">What follows is of the <${Term} of="innovation">one-step errors</${Term}>, whose <${Term} of="noise floor">noise floor</${Term}> is ${number(floor)} ${unit}. They must look like noise in a good model, and
+      may do so in a bad one. The free run errs by <${Term} of="rho">${number(rho)} times</${Term}> the noise that is left in it${rho > 1.6 ? ': something physical is probably missing' : ''}.</p>
     <div class="grid">
       <${Frame} title="Innovations: autocorrelation" about=${about} path=${path} summary=${says} note=${says}
         table=${() => ({

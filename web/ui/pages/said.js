@@ -58,7 +58,7 @@ function Output({ output, unit, leads, path, says }) {
       row.n,
       `${number(row.rmse)} ${unit}`,
       `${number(row.persistence)} ${unit}`,
-      signed(row.bias),
+      `${signed(row.bias)} ${unit}`,
       percent(row.within95),
     ])} /></${Frame}>`;
 }

@@ -5,7 +5,7 @@ import { systemAddress, setQuery, go, address } from '../router.js';
 import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
-import { fitName } from '../format.js';
+import { fitName, plainly } from '../format.js';
 import { Figures } from '../parts/figures.js';
 import { nextOutput } from '../parts/outputs.js';
 import { Status, Flags } from '../parts/status.js';
@@ -105,11 +105,11 @@ function Head({ system, document, params, row, fits, chosen, query, refit }) {
   return html`
     <div class="row apart">
       <div class="row"><h1>${system}</h1><span class="quiet">${document.label}</span>
-        <${Status} of=${params?.status ?? 'none'} label=${params ? `${params.status}, revision ${params.revision}` : 'nothing served'} />
-        <${Flags} of=${params?.flags ?? []} /></div>
+        <${Status} of=${params?.status ?? 'none'} label=${params ? `${params.status}, revision ${params.revision}` : 'nothing served'} help />
+        <${Flags} of=${params?.flags ?? []} model=${params?.model} brief /></div>
       <span class="row"><button onClick=${diagnose}>Find what is missing</button><button class="main" onClick=${refit}>Refit</button></span>
     </div>
-    ${row && html`<p><${Status} of=${row.health} label="" /> ${row.why}</p>`}
+    ${row && html`<p><${Status} of=${row.health} label="" /> ${plainly(row.why)}</p>`}
     <div class="row apart">
       ${chosen ? html`<${Figures} fit=${chosen} query=${query} />` : ''}
       ${

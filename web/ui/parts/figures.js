@@ -1,7 +1,8 @@
 // The few numbers of a fit that stand above everything else.
 import { html } from '../html.js';
-import { withUnit, fixed } from '../format.js';
+import { fixed } from '../format.js';
 import { Status } from './status.js';
+import { explained } from './term.js';
 import { forecasts, outputIn } from './outputs.js';
 
 const PLAIN = [
@@ -14,16 +15,16 @@ export function Figures({ fit, query = {} }) {
   const chosen = outputIn(query, fit.metrics, true);
   const metrics = fit.metrics[chosen];
   return html`<dl class="figures">
-    ${metrics && forecasts(fit.metrics) && html`<div><dt>24 h ahead</dt><dd>${withUnit(metrics.ahead?.PT24H?.rmse, metrics.unit)}</dd></div>`}
+    ${metrics && forecasts(fit.metrics) && html`<div><dt>${explained('24 h ahead')}</dt><dd>${fixed(metrics.ahead?.PT24H?.rmse)} ${metrics.unit}</dd></div>`}
     ${
       metrics
-        ? PLAIN.map(([title, key]) => html`<div><dt>${title}</dt><dd>${fixed(metrics[key])} ${metrics.unit}</dd></div>`)
+        ? PLAIN.map(([title, key]) => html`<div><dt>${explained(title)}</dt><dd>${fixed(metrics[key])} ${metrics.unit}</dd></div>`)
         : Object.entries(fit.metrics).map(
-            ([name, entry]) => html`<div><dt>${name}, unseen data</dt><dd>${fixed(entry.validation_rmse)} ${entry.unit}</dd></div>`,
+            ([name, entry]) => html`<div><dt>${explained(`${name}, unseen data`)}</dt><dd>${fixed(entry.validation_rmse)} ${entry.unit}</dd></div>`,
           )
     }
     <div><dt>model</dt><dd>${fit.model}</dd></div>
-    <div><dt>verdict</dt><dd><${Status} of=${fit.verdict ?? 'unknown'} /></dd></div>
+    <div><dt>${explained('verdict')}</dt><dd><${Status} of=${fit.verdict ?? 'unknown'} help /></dd></div>
     ${chosen && html`<div><dt>error of</dt><dd>${chosen}</dd></div>`}
   </dl>`;
 }

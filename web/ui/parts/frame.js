@@ -5,6 +5,7 @@ import { REPORT } from '../carried.js';
 import { say, sayFault } from '../say.js';
 import { picture } from './picture.js';
 import { Table } from './table.js';
+import { explained } from './term.js';
 
 const SHOWN_ROWS = 300;
 
@@ -67,7 +68,7 @@ export function Frame({
   const numbers = open === 'table' ? table() : null;
   return html`<figure class="frame" aria-labelledby=${id} ref=${figure} onFocusIn=${used} onPointerEnter=${used}>
     <figcaption>
-      <h3 id=${id}>${title}</h3>
+      <h3 id=${id}>${explained(title)}</h3>
       <span class="tools">
         <button class="plain" aria-expanded=${open === 'table'} onClick=${() => toggle('table')}>Table</button>
         <button class="plain" onClick=${download(everything ? '-thinned.csv' : '.csv', spreadsheet)}>${everything ? 'CSV, thinned' : 'CSV'}</button>

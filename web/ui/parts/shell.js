@@ -88,6 +88,8 @@ function Help({ close }) {
   const [keys] = useState(() => actionsNow().map(({ key, meaning }) => [key, meaning]));
   return html`<${Dialog} title="Keys" close=${close}>
     <dl class="keys">${[...keys, ...CHART_KEYS].map(([key, meaning]) => html`<div><dt><kbd>${key}</kbd></dt><dd>${meaning}</dd></div>`)}</dl>
+    <p>A word with dots below it says what it means where the pointer rests on it, where the Tab key goes, or when it is touched; Escape takes that
+      away.${!REPORT && html` All of them stand in the <a href="/docs/book/reference/glossary.html">glossary</a>.`}</p>
     <p class="row end"><button onClick=${close}>Close</button></p>
   </${Dialog}>`;
 }

@@ -4,8 +4,10 @@ import { useResource, post } from '../api.js';
 import { address } from '../router.js';
 import { useJob, hasEnded } from '../events.js';
 import { say, sayFault } from '../say.js';
-import { number, length } from '../format.js';
+import { number, length, plainly } from '../format.js';
 import { Status } from './status.js';
+import { Parameter, useTitles } from './names.js';
+import { explained } from './term.js';
 import { Frame } from './frame.js';
 import { Failed, Loading } from './screens.js';
 import { Curve } from '../charts/curve.js';
@@ -35,6 +37,7 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
   const { job, reports, incumbent, error } = useJob(id);
   const fit = useResource(job?.fit ? `/fits/${job.fit}` : null);
   const model = useResource(job ? `/models/${encodeURIComponent(job.model)}` : null);
+  const titles = useTitles(job?.model);
   const ran = useRef(false);
   const told = useRef(false);
   useEffect(() => {
@@ -64,15 +67,15 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
     <div class="row apart"><h3><${Status} of=${job.state} /> ${title ?? job.kind} <a class="quiet" href=${address(['jobs', id])}>${id}</a></h3>
       ${!ended && html`<button onClick=${cancel}>Stop</button>`}</div>
     <dl class="figures">
-      <div><dt>evaluations</dt><dd>${evaluations ?? '–'}${budget && !ended ? ` of at most ${budget}` : ''}</dd></div>
-      ${last && !ended && !trials && html`<div><dt>generation</dt><dd>${last.generation}</dd></div>`}
+      <div><dt>${explained('evaluations')}</dt><dd>${evaluations ?? '–'}${budget && !ended ? ` of at most ${budget}` : ''}</dd></div>
+      ${last && !ended && !trials && html`<div><dt>${explained('generation')}</dt><dd>${last.generation}</dd></div>`}
       ${trials && html`<div><dt>effects tried</dt><dd>${trials.of ? `${trials.tried} of ${trials.of}${trials.round > 1 ? `, round ${trials.round}` : ''}` : 'none yet'}</dd></div>
         <div><dt>leads so far</dt><dd>${trials.leader ?? 'none'}</dd></div>`}
       ${last && !ended && html`<div><dt>time left${trials ? '' : ', at most'}</dt><dd>${length(last.eta_s)}</dd></div>`}
-      ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>stopped because</dt><dd>
-        ${job.stopped_by ?? job.error?.detail ?? job.state}</dd></div>`}
-      ${last?.best_train != null && html`<div><dt>best on train</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}
-      ${last?.best_validation != null && html`<div><dt>best on validation</dt><dd>${number(last.best_validation)}</dd></div>`}
+      ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>${explained('stopped because')}</dt><dd>
+        ${plainly(job.stopped_by ?? job.error?.detail ?? job.state)}</dd></div>`}
+      ${last?.best_train != null && html`<div><dt>${explained('best on train')}</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}
+      ${last?.best_validation != null && html`<div><dt>${explained('best on validation')}</dt><dd>${number(last.best_validation)}</dd></div>`}
     </dl>
     ${!ended && html`<progress max=${budget ?? 1} value=${trials ? (trials.share ?? undefined) : budget ? (evaluations ?? 0) : undefined}
       aria-label=${trials ? 'Share of the work that is done' : 'Evaluations of the budget'}></progress>`}
@@ -97,7 +100,7 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
           const known = model.data.parameters.find(parameter => parameter.name === name);
           const found = fit.data?.parameters[name];
           const bounds = found?.bounds ?? job.request.bounds?.[name] ?? known?.bounds;
-          return html`<tr><th scope="row">${name}</th><td class="number">${number(value)} ${known?.unit === '-' ? '' : (known?.unit ?? '')}</td>
+          return html`<tr><th scope="row"><${Parameter} symbol=${name} titles=${titles} /></th><td class="number">${number(value)} ${known?.unit === '-' ? '' : (known?.unit ?? '')}</td>
           <td>${bounds && html`<${Rail} value=${value} bounds=${bounds} interval=${found?.ci95} log=${known?.scale === 'log'}
             atBound=${found?.at_bound} />`}</td></tr>`;
         })}</tbody></table></div>`

@@ -203,7 +203,7 @@ impl Builder {
                 upper: spec.upper,
                 scale: spec.scale,
                 nominal: spec.nominal.clone(),
-                title: spec.title.clone(),
+                title: spec.full_title(),
                 excite: spec.excite.clone(),
             });
         }

@@ -282,3 +282,16 @@ fn all_faults_are_reported_at_once() {
     let slip = faults.iter().find(|fault| fault.pointer == "/equations/T_r").unwrap();
     assert_eq!(slip.suggestion.as_deref(), Some("did you mean `alpha_e`?"));
 }
+
+#[test]
+fn a_quantity_names_a_parameter_and_changes_no_hash() {
+    let catalogue = Catalogue::builtin().unwrap();
+    let mut composition = catalogue.compose(&"rc2+solar_gain".parse().unwrap()).unwrap();
+    let all = bindings(&["T_out", "irradiance"], &[]);
+    let named = compile(&composition, &all).unwrap();
+    composition.spec.parameters.values_mut().for_each(|parameter| parameter.quantity.clear());
+    let plain = compile(&composition, &all).unwrap();
+    assert_eq!(named.parameters()[0].title, "heat exchange, envelope to room air");
+    assert_eq!(plain.parameters()[0].title, "envelope to room air");
+    assert_eq!(named.hash(), plain.hash());
+}

@@ -300,6 +300,7 @@ impl PlantSpec {
                         upper,
                         scale: Scale::Linear,
                         nominal: Nominal::Value(constant.value),
+                        quantity: String::new(),
                         title: constant.title.clone(),
                         excite: constant.excite.clone(),
                     };

@@ -247,6 +247,9 @@ pub struct ParameterSpec {
     pub scale: Scale,
     /// A sensible value before any data.
     pub nominal: Nominal,
+    /// What it is a measure of, such as `heat exchange`; stands before the title, and is no part of the hash.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub quantity: String,
     /// A short title for people.
     #[serde(default)]
     pub title: String,
@@ -413,6 +416,20 @@ pub struct CompositionSpec {
     pub base: String,
     /// The effects that it adds. One whose inputs are not there is dropped, and the fit says so.
     pub effects: Vec<String>,
+}
+
+impl ParameterSpec {
+    /// Itself as documents had it before there were quantities: what is kept of a model stays as it is.
+    #[must_use]
+    pub fn without_quantity(self) -> Self {
+        Self { quantity: String::new(), ..self }
+    }
+
+    /// What people call it: `heat exchange, floor to room air`.
+    pub fn full_title(&self) -> String {
+        let words = [self.quantity.as_str(), self.title.as_str()];
+        words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ")
+    }
 }
 
 impl EffectSpec {

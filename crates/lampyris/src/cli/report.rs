@@ -3,7 +3,7 @@
 
 use super::bundle;
 use super::output::{Failure, faults};
-use crate::http::{model_document, page_part};
+use crate::http::{book_text, model_document, page_part};
 use crate::service::ServiceError;
 use crate::service::catalogue::windows::Format;
 use crate::service::query::subject::{ComparisonAsked, NamedFit};
@@ -25,6 +25,8 @@ pub const ID: &str = "report";
 const POINTS: [usize; 2] = [20_000, 2_000];
 const HORIZONS: [&str; 3] = ["PT1H", "PT6H", "PT24H"];
 const STYLES: [&str; 3] = ["vendor/uPlot.min.css", "style.css", "parts.css"];
+/// What the words of the page mean.
+const GLOSSARY: &str = "reference/glossary.md";
 const LICENCES: [&str; 3] =
     ["vendor/LICENSE-preact.txt", "vendor/LICENSE-htm.txt", "vendor/LICENSE-uplot.txt"];
 
@@ -102,6 +104,8 @@ fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     for effect in found.catalogue.effects() {
         answers.insert(format!("/effects/{}", effect.id), value(effect)?);
     }
+    let glossary = book_text(GLOSSARY).unwrap_or_default();
+    answers.insert(format!("/docs/book/{GLOSSARY}"), Value::String(glossary));
     Ok(json!({
         "kind": if found.diagnosis.is_some() { "diagnose" } else if found.ladder.is_some() { "ladder" } else { "fit" },
         "id": ID,

@@ -56,6 +56,11 @@ fn answer(path: &str, headers: &HeaderMap) -> Response {
     }
 }
 
+/// A text of the book as it is written.
+pub fn book_text(file: &str) -> Option<String> {
+    Files::get(file).map(|file| String::from_utf8_lossy(&file.data).into_owned())
+}
+
 fn pages() -> BTreeMap<String, String> {
     let parts = contents(&markdown(CONTENTS));
     let order: Vec<&Entry> = parts.iter().flat_map(|(_, entries)| entries).collect();
@@ -67,7 +72,7 @@ fn pages() -> BTreeMap<String, String> {
 }
 
 fn markdown(file: &str) -> String {
-    Files::get(file).map(|file| String::from_utf8_lossy(&file.data).into_owned()).unwrap_or_default()
+    book_text(file).unwrap_or_default()
 }
 
 /// The parts of the list of contents: their headings, and the pages below each. Pages before the first part

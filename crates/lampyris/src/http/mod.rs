@@ -58,6 +58,7 @@ mod web;
 mod windows;
 mod wording;
 
+pub use book::book_text;
 pub use listen::listen;
 pub use models::document as model_document;
 pub use surface::{described_documents, described_paths, openapi_json, openapi_yaml};

@@ -450,7 +450,8 @@ fn make_version(
         effect: name,
         title: spec.title,
         inputs: spec.inputs,
-        parameters: spec.parameters,
+        // A version that is kept is compared with what is posted again.
+        parameters: spec.parameters.into_iter().map(|(name, spec)| (name, spec.without_quantity())).collect(),
         terms: spec.terms,
         outputs: spec.outputs,
         define: spec.define,

@@ -1,0 +1,36 @@
+// Words explain themselves, by the pointer and by the keyboard, from the glossary of the book.
+import { holds, test } from './harness.js';
+
+export async function terms(chrome, { base }) {
+  await test(chrome, 'a_word_says_what_it_means_where_it_stands', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/5/fails`);
+    const word = page.getByRole('button', { name: 'holding the last value' });
+    const tip = page.getByRole('tooltip');
+    await word.hover();
+    await tip.filter({ hasText: 'holds the last measured value' }).waitFor();
+    await page.keyboard.press('Escape');
+    await tip.waitFor({ state: 'detached' });
+    // With the keyboard from the column before.
+    await page.mouse.move(0, 0);
+    await page.getByRole('button', { name: 'rmse', exact: true }).last().focus();
+    await page.keyboard.press('Tab');
+    await tip.filter({ hasText: 'holds the last measured value' }).waitFor();
+    holds((await word.getAttribute('aria-describedby')) === (await tip.getAttribute('id')), 'the word does not lead to its meaning');
+    await page.keyboard.press('Tab');
+    await page.keyboard.press('Enter');
+    await page.waitForURL(/glossary.html#persistence$/);
+    await page.locator('h3#persistence').waitFor();
+  });
+
+  await test(chrome, 'codes_are_said_in_words_with_the_code_behind_them', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/5/parameters`);
+    await page.getByRole('row', { name: 'heat exchange, envelope to room air alpha_e' }).waitFor();
+    const check = page.getByRole('button', { name: 'Beats persistence', exact: true });
+    await check.waitFor();
+    const text = await page.locator('main').innerText();
+    const codes = text.match(/\b(PT\d+H|G\d+ [a-z]+|at_bound|non_identifiable|free_run)\b/g);
+    holds(codes === null, `codes are shown raw: ${codes}`);
+    await check.hover();
+    await page.getByRole('tooltip').filter({ hasText: 'G4 beats persistence' }).waitFor();
+  });
+}
