@@ -90,18 +90,29 @@ export async function edges(chrome, { base, port }) {
     const faults = page.locator('.faults li');
     await page.locator('.status', { hasText: '2 faults' }).waitFor();
     const lineOf = text => bad.split('\n').findIndex(line => line.includes(text)) + 1;
-    holds((await faults.nth(0).innerText()).startsWith(`line ${lineOf('"alpha": {')} `), await faults.nth(0).innerText());
+    holds((await faults.nth(0).innerText()).startsWith(`line ${lineOf('furlong')} `), await faults.nth(0).innerText());
     holds((await faults.nth(1).innerText()).startsWith(`line ${lineOf('alfa')} `), await faults.nth(1).innerText());
     holds((await faults.nth(1).innerText()).includes('did you mean `alpha`'), 'nothing is suggested');
     holds((await page.locator('.editor pre .fault').count()) === 2, 'the lines have no mark');
     await page.getByRole('button', { name: /Save as a new model/ }).isDisabled();
-    await field.fill(good.replace('},', '}'));
-    await page.getByText(/a `,` or `}` is missing/).waitFor();
+    // A comma is missing at the end of its line, not where the next one begins.
+    await field.fill(good.replace('"unit": "1/h",', '"unit": "1/h"'));
+    await page.locator('.faults li', { hasText: /a `,` or `}` is missing/ }).waitFor();
+    const comma = good.split('\n').findIndex(line => line.includes('"1/h"')) + 1;
+    holds((await faults.nth(0).innerText()).startsWith(`line ${comma} `), await faults.nth(0).innerText());
     await field.fill(good.replace('my_room', 'browser_room'));
     await page.getByText('No faults').waitFor();
     await field.press('Control+s');
     await page.waitForURL('**/ui/models/browser_room');
     await page.locator('.equation', { hasText: 'alpha*(T_out - T_r)' }).waitFor();
+    // A new one is compared with the model that it was made from, which keeps its effects; a room begins with its own.
+    await page.goto(`${base}/ui/edit/model?from=room3%2Bmetered_gain:P_appliances`);
+    await page.getByText('It says the same as').waitFor();
+    holds((await field.inputValue()).includes('"metered_gain:P_appliances"'), 'the effect is lost');
+    await field.fill((await field.inputValue()).replace('"room3"', '"room2"'));
+    await page.getByRole('row', { name: 'base room3 room2' }).waitFor();
+    await page.goto(`${base}/ui/edit/effect?system=room/5`);
+    holds((await page.getByLabel('added to').inputValue()) === 'tite', 'another model than that of the room');
   });
 
   await test(chrome, 'a_job_is_watched_live_and_cancelled', {}, async page => {

@@ -66,7 +66,8 @@ export function Settings({ system, document, changed }) {
               id => html`<option value=${id} selected=${id === (draft.model ?? '')}>${id || 'none: others read its measurements'}</option>`,
             )}
           </select></label>
-        ${draft.model && html`<p><a href=${address(['models', draft.model])}>See its equations</a></p>`}
+        ${draft.model && html`<p><a href=${address(['models', draft.model])}>See its equations</a>, or <a
+          href=${address(['edit', 'model'], { system })}>write another model for ${system}</a></p>`}
         <label>Prior on the parameters
           <select value=${draft.prior} onChange=${event => set({ prior: event.target.value })}>
             ${['none', 'log_normal'].map(prior => html`<option value=${prior} selected=${prior === draft.prior}>${prior}</option>`)}
