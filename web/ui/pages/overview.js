@@ -160,31 +160,31 @@ function Systems({ rows, running, query }) {
         <a class="button" href=${address(['new'])}>Add a system</a>
       </span>
     </div>
-    <div class="scroll" tabindex="0" role="region" aria-label="Systems, worst first"><table class="systems" ref=${table}>
+    <div class="scroll" tabindex="0" role="region" aria-label="Systems, worst first"><table role="table" class="systems cards" ref=${table}>
       <caption class="unseen">Systems, worst first</caption>
-      <thead><tr>
-        <th scope="col"><span class="unseen">Selected</span></th><th scope="col">System</th><th scope="col">Health, and why</th><th
-          scope="col">Served</th>
-        <th scope="col" class="number">24 h ahead</th><th scope="col">Validation</th><th scope="col">Fails most</th><th
-          scope="col">Flags</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
+      <thead role="rowgroup"><tr role="row">
+        <th role="columnheader" scope="col"><span class="unseen">Selected</span></th><th role="columnheader" scope="col">System</th><th role="columnheader" scope="col">Health, and why</th><th
+          role="columnheader" scope="col">Served</th>
+        <th role="columnheader" scope="col" class="number">24 h ahead</th><th role="columnheader" scope="col">Validation</th><th role="columnheader" scope="col">Fails most</th><th
+          role="columnheader" scope="col">Flags</th><th role="columnheader" scope="col">Next fit</th><th role="columnheader" scope="col"><span class="unseen">Refit</span></th>
       </tr></thead>
-      <tbody>${shown.map(
+      <tbody role="rowgroup">${shown.map(
         (
           row,
           index,
-        ) => html`<tr key=${row.system} class=${chosen.has(row.system) ? 'chosen' : ''} aria-current=${index === at ? 'true' : null}>
-        <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
-        <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small
+        ) => html`<tr role="row" key=${row.system} class=${chosen.has(row.system) ? 'chosen' : ''} aria-current=${index === at ? 'true' : null}>
+        <td role="cell"><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
+        <th role="rowheader" scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small
           title=${row.label}>${row.label || row.model}</small></th>
-        <td><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${breakable(row.why)}</div></td>
-        <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
+        <td role="cell" data-label="Health"><${Status} of=${row.health} /><div class="why clamped" title=${row.why}>${breakable(row.why)}</div></td>
+        <td role="cell" data-label="Served" class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
           ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
-        <td class="number">${row.day === null ? NONE : `${fixed(row.day)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
-        <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))} ${row.unit}${row.several ? ` of ${row.several}` : ''}</small>` : NONE}</td>
-        <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
-        <td>${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
-        <td class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>
-        <td>${
+        <td role="cell" data-label="24 h ahead" class="number">${row.day === null ? NONE : `${fixed(row.day)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
+        <td role="cell" data-label="Validation">${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))} ${row.unit}${row.several ? ` of ${row.several}` : ''}</small>` : NONE}</td>
+        <td role="cell" data-label="Fails most"><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
+        <td role="cell" data-label="Flags">${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
+        <td role="cell" data-label="Next fit" class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>
+        <td role="cell">${
           running[row.system]
             ? html`<${Status} of="running" label=${running[row.system]} />`
             : html`<button class="plain" aria-label=${`Refit ${row.system}`} onClick=${() => refit([row.system])}>Refit</button>`
