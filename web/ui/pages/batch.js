@@ -72,7 +72,7 @@ const jobLink = ({ job }) => html`<a href=${address(['jobs', job])}>${job.slice(
 const Fits = ({ jobs }) =>
   html`<${Table} caption="Systems" hidden columns=${[['system'], ['state'], ['outcome'], ['error against before', 'number'], ['why'], ['job']]}
     rows=${jobs.map(row => [
-      html`<a href=${systemAddress(row.system)}>${row.system}</a>`,
+      html`<a class="nowrap" href=${systemAddress(row.system)}>${row.system}</a>`,
       html`<${Status} of=${row.state} />`,
       row.outcome ? html`<${Status} of=${row.outcome} />` : NONE,
       row.error_ratio === null ? NONE : `${signed((row.error_ratio - 1) * 100, 1)} %`,
@@ -90,7 +90,7 @@ const GROUPS = [
 function Diagnoses({ data: { jobs, diagnosed } }) {
   const place = system => {
     const { diagnosis } = jobs.find(job => job.system === system) ?? {};
-    return html`<a href=${systemAddress(system, 'missing', diagnosis ? { diagnosis } : {})}>${system}</a>`;
+    return html`<a class="nowrap" href=${systemAddress(system, 'missing', diagnosis ? { diagnosis } : {})}>${system}</a>`;
   };
   const list = systems => systems.map((system, at) => html`${at ? ', ' : ''}${place(system)}`);
   const groups = [

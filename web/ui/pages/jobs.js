@@ -108,7 +108,7 @@ function rowOf(job, report) {
     html`<a href=${address(['jobs', job.id])}>${job.id.slice(0, 12)}…</a>`,
     html`<${Status} of=${job.state} />${job.outcome ? html`<br /><${Status} of=${job.outcome} />` : ''}`,
     job.kind,
-    html`<a href=${systemAddress(job.system)}>${job.system}</a>`,
+    html`<a class="nowrap" href=${systemAddress(job.system)}>${job.system}</a>`,
     job.model,
     `${job.origin}${job.experiment ? ', experiment' : ''}`,
     html`${told?.evaluations ?? job.evaluations ?? NONE}${running && budget ?

@@ -1,8 +1,9 @@
 // Every system, worst first: which ones are bad, since when, and why.
-import { html, useState, useRef, useEffect } from '../html.js';
+import { html, useState, useRef } from '../html.js';
 import { ask, useList, useResource, post, curl } from '../api.js';
 import { address, systemAddress, setQuery, go } from '../router.js';
 import { useEvents } from '../events.js';
+import { usePaced } from '../pace.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
 import { NONE, length, fixed, fromNow, clock } from '../format.js';
@@ -14,6 +15,8 @@ import { Spark } from '../charts/spark.js';
 
 const SEVERITY = { bad: 0, attention: 1, unknown: 2, ok: 3 };
 const TREND = 8;
+/** About what the lists say of a row, in bytes. */
+const BYTES_PER_ROW = 1000;
 
 /** `/params` is one page: a controller reads it at once. */
 const itemsOf = (path, options) => ask(path, options).then(page => page.items);
@@ -64,13 +67,7 @@ export function Overview({ query }) {
   const fits = useList('/fits');
   const schedules = useList('/schedules');
   const [running, setRunning] = useState({});
-  const timer = useRef(null);
-  // Lists are asked again once for many ends that come together, as those of a batch do.
-  const refresh = () => {
-    clearTimeout(timer.current);
-    timer.current = setTimeout(() => [systems, served, fits].forEach(list => list.reload()), 250);
-  };
-  useEffect(() => () => clearTimeout(timer.current), []);
+  const refresh = usePaced(() => [systems, served, fits].forEach(list => list.reload()));
   useEvents((kind, data) => {
     if (kind === 'incumbent') return;
     setRunning(before => {
@@ -78,7 +75,11 @@ export function Overview({ query }) {
       if (kind === 'finished') return others;
       return { ...before, [data.system]: kind === 'progress' ? `${data.evaluations} evaluations` : kind === 'queued' ? 'waits' : 'runs' };
     });
-    if (kind === 'finished') refresh();
+    if (kind !== 'finished') return;
+    const rows = [systems, served, fits].reduce((sum, list) => sum + (list.data?.length ?? 0), 0);
+    refresh(rows * BYTES_PER_ROW);
+    // Nobody waits for the numbers after the last one.
+    ask('/jobs/counts').then(counts => counts.queued + counts.running === 0 && refresh(0), () => {});
   });
   const empty = html`<${Empty} title="No systems yet">
     <p>A system is a room or a plant with its measurements. <a href=${address(['new'])}>Add one</a>, or start the service with real houses:</p>

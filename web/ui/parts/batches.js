@@ -33,6 +33,8 @@ const STANDS = {
   queued: 'waits',
 };
 
+const LONGEST_BAR_REM = 16;
+
 /** Where a job of a batch stands, in one word. */
 export const standing = ({ state, outcome, verdict }) => verdict ?? outcome ?? state;
 
@@ -42,11 +44,11 @@ export function Standings({ jobs }) {
   for (const job of jobs) counts.set(standing(job), (counts.get(standing(job)) ?? 0) + 1);
   const most = Math.max(...counts.values());
   const rows = Object.keys(STANDS).filter(word => counts.has(word));
-  return html`<${Table} caption="How many stand how" columns=${[['how'], ['systems', 'number'], ['']]}
+  return html`<${Table} caption="Systems by what became of them" columns=${[['what'], ['systems', 'number'], ['']]}
     rows=${rows.map(word => [
       html`<${Status} of=${word === 'named' ? 'attention' : word} label=${STANDS[word]} />`,
       counts.get(word),
-      html`<span class="bar" style=${{ width: `${(100 * counts.get(word)) / most}%` }}></span>`,
+      html`<span class="bar" style=${{ width: `${(LONGEST_BAR_REM * counts.get(word)) / most}rem` }}></span>`,
     ])} />`;
 }
 
