@@ -14,10 +14,10 @@ function Cell({ title, kind, first, children }) {
     : html`<td role="cell" class=${kind} data-label=${title}>${children}</td>`;
 }
 
-export function Table({ caption, columns, rows, hidden = false }) {
+export function Table({ caption, columns, rows, hidden = false, cards = columns.length >= CARDS }) {
   const kind = index => (columns[index]?.[1] === 'number' ? 'number' : undefined);
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}>
-    <table role="table" class=${columns.length >= CARDS ? 'cards' : ''}>
+    <table role="table" class=${cards ? 'cards' : ''}>
       <caption class=${hidden ? 'unseen' : ''}>${caption}</caption>
       <thead role="rowgroup"><tr role="row">${columns.map(([title], index) =>
         html`<th scope="col" role="columnheader" class=${kind(index)}>${title}</th>`)}</tr></thead>
