@@ -53,30 +53,60 @@ export async function edges(chrome, { base, port }) {
 
   await test(chrome, 'measurements_are_kept_out_of_training_with_a_reason', {}, async page => {
     await page.goto(`${base}/ui/systems/room/9/data`);
-    await page.getByLabel('From (UTC)').fill('2026-01-05T02:00:00Z');
-    await page.getByLabel('To (UTC)').fill('2026-01-05T04:00:00Z');
+    await page.getByLabel('From (UTC)').fill('2026-01-05T02:00');
+    await page.getByLabel('To (UTC)').fill('2026-01-05T01:00');
+    await page.getByText('It ends before it begins').waitFor();
+    await page.getByLabel('To (UTC)').fill('2026-01-05T04:00');
     await page.getByLabel('Reason').fill('windows were open');
     await page.getByRole('button', { name: 'Keep it out' }).click();
     await page.getByRole('cell', { name: 'windows were open' }).waitFor();
-    holds((await ask(base, '/systems/room/9')).exclude[0].reason === 'windows were open', 'it is not kept');
+    const [kept] = (await ask(base, '/systems/room/9')).exclude;
+    holds(kept.reason === 'windows were open' && kept.from === '2026-01-05T02:00:00Z' && kept.to === '2026-01-05T04:00:00Z', JSON.stringify(kept));
+    await page.getByRole('button', { name: 'Use it again' }).click();
+    await page.getByText('every measurement is used').waitFor();
+    // On the clock of the system: an hour that comes twice in autumn is asked about, one that never comes is refused.
+    await ask(base, '/systems/room/9', { ...(await ask(base, '/systems/room/9')), system: undefined, location: { zone: 'Europe/Copenhagen' } }, 'PUT');
+    await page.reload();
+    await page.getByLabel('From (Europe/Copenhagen)').fill('2026-10-25T02:30');
+    await page.getByLabel('The clock shows it twice').selectOption({ label: 'after it is set back, UTC+1' });
+    await page.getByLabel('To (Europe/Copenhagen)').fill('2026-03-29T02:30');
+    await page.getByText('it never comes').waitFor();
+    await page.getByLabel('To (Europe/Copenhagen)').fill('2026-10-25T04:00');
+    await page.getByLabel('Reason').fill('guests');
+    await page.getByRole('button', { name: 'Keep it out' }).click();
+    await page.getByRole('cell', { name: 'guests' }).waitFor();
+    const [autumn] = (await ask(base, '/systems/room/9')).exclude;
+    holds(autumn.from === '2026-10-25T01:30:00Z' && autumn.to === '2026-10-25T03:00:00Z', JSON.stringify(autumn));
     await page.getByRole('button', { name: 'Use it again' }).click();
     await page.getByText('every measurement is used').waitFor();
   });
 
   await test(chrome, 'a_policy_is_changed_and_a_bad_one_is_refused_at_its_field', {}, async page => {
     await page.goto(`${base}/ui/systems/room/9/settings`);
-    await page.getByLabel(/^Stale after/).fill('three days');
+    const length = page.getByLabel('Stale after', { exact: true });
+    const unit = page.getByLabel('Unit: Stale after');
+    await unit.selectOption('as ISO 8601');
+    await length.fill('three days');
     await page.getByRole('button', { name: 'Save' }).click();
     await page.getByRole('alert').getByText('/policy/stale_after').waitFor();
-    await page.getByLabel(/^Stale after/).fill('P5D');
+    await length.fill('P5D');
+    await unit.selectOption('days');
     await page.getByLabel('What happens to a new fit').selectOption('suggest');
+    // A zone stands alone, and a place goes with it.
+    await page.getByLabel('Time zone').fill('Europe/Brussels');
+    await page.getByRole('button', { name: 'Save' }).click();
+    await page.getByText('room/9 is changed').first().waitFor();
+    holds(JSON.stringify((await ask(base, '/systems/room/9')).location) === '{"zone":"Europe/Brussels"}', 'the zone is not kept');
+    await length.fill('4');
     await page.getByLabel('Latitude').fill('55.7');
     await page.getByLabel('Longitude').fill('12.6');
     await page.getByLabel('Time zone').fill('Europe/Copenhagen');
+    const saved = page.waitForResponse(response => response.request().method() === 'PUT' && response.ok());
     await page.getByRole('button', { name: 'Save' }).click();
+    await saved;
     await page.getByText('room/9 is changed').first().waitFor();
     const { policy, location } = await ask(base, '/systems/room/9');
-    holds(policy.mode === 'suggest' && policy.stale_after === 'P5D', JSON.stringify(policy));
+    holds(policy.mode === 'suggest' && policy.stale_after === 'P4D', JSON.stringify(policy));
     holds(location.lat === 55.7 && location.zone === 'Europe/Copenhagen', JSON.stringify(location));
   });
 
@@ -90,18 +120,29 @@ export async function edges(chrome, { base, port }) {
     const faults = page.locator('.faults li');
     await page.locator('.status', { hasText: '2 faults' }).waitFor();
     const lineOf = text => bad.split('\n').findIndex(line => line.includes(text)) + 1;
-    holds((await faults.nth(0).innerText()).startsWith(`line ${lineOf('"alpha": {')} `), await faults.nth(0).innerText());
+    holds((await faults.nth(0).innerText()).startsWith(`line ${lineOf('furlong')} `), await faults.nth(0).innerText());
     holds((await faults.nth(1).innerText()).startsWith(`line ${lineOf('alfa')} `), await faults.nth(1).innerText());
     holds((await faults.nth(1).innerText()).includes('did you mean `alpha`'), 'nothing is suggested');
     holds((await page.locator('.editor pre .fault').count()) === 2, 'the lines have no mark');
     await page.getByRole('button', { name: /Save as a new model/ }).isDisabled();
-    await field.fill(good.replace('},', '}'));
-    await page.getByText(/a `,` or `}` is missing/).waitFor();
+    // A comma is missing at the end of its line, not where the next one begins.
+    await field.fill(good.replace('"unit": "1/h",', '"unit": "1/h"'));
+    await page.locator('.faults li', { hasText: /a `,` or `}` is missing/ }).waitFor();
+    const comma = good.split('\n').findIndex(line => line.includes('"1/h"')) + 1;
+    holds((await faults.nth(0).innerText()).startsWith(`line ${comma} `), await faults.nth(0).innerText());
     await field.fill(good.replace('my_room', 'browser_room'));
     await page.getByText('No faults').waitFor();
     await field.press('Control+s');
     await page.waitForURL('**/ui/models/browser_room');
     await page.locator('.equation', { hasText: 'alpha*(T_out - T_r)' }).waitFor();
+    // A new one is compared with the model that it was made from, which keeps its effects; a room begins with its own.
+    await page.goto(`${base}/ui/edit/model?from=room3%2Bmetered_gain:P_appliances`);
+    await page.getByText('It says the same as').waitFor();
+    holds((await field.inputValue()).includes('"metered_gain:P_appliances"'), 'the effect is lost');
+    await field.fill((await field.inputValue()).replace('"room3"', '"room2"'));
+    await page.getByRole('row', { name: 'base room3 room2' }).waitFor();
+    await page.goto(`${base}/ui/edit/effect?system=room/5`);
+    holds((await page.getByLabel('added to').inputValue()) === 'tite', 'another model than that of the room');
   });
 
   await test(chrome, 'a_job_is_watched_live_and_cancelled', {}, async page => {

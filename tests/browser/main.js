@@ -10,6 +10,7 @@ import { mathematics } from './mathematics.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { plants } from './plants.js';
+import { queue } from './queue.js';
 import { reports } from './reports.js';
 import { said } from './said.js';
 import { schedules } from './schedules.js';
@@ -34,6 +35,7 @@ try {
     await tokens(chrome, process.env.LAMPYRIS_BINARY);
     await changes(chrome, process.env.LAMPYRIS_BINARY);
     await foreign(chrome, process.env.LAMPYRIS_BINARY);
+    await queue(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);

@@ -156,24 +156,5 @@ export function plainly(text, { zone = 'UTC', titles = {} } = {}) {
 /** How a fit is called in a list. */
 export const fitName = fit => `${clock(fit.created_at)} ${fit.model} (${fit.served ? 'served' : (fit.verdict ?? 'not judged')})`;
 
-/** The instant, in seconds, at which a day begins on the clock of a zone. */
-export function midnight(date, zone = 'UTC') {
-  const utc = Date.parse(`${date}T00:00:00Z`);
-  const parts = Object.fromEntries(
-    new Intl.DateTimeFormat('en-GB', {
-      timeZone: zone,
-      hourCycle: 'h23',
-      year: 'numeric',
-      month: 'numeric',
-      day: 'numeric',
-      hour: 'numeric',
-      minute: 'numeric',
-    })
-      .formatToParts(utc)
-      .map(({ type, value }) => [type, Number(value)]),
-  );
-  return (2 * utc - Date.UTC(parts.year, parts.month - 1, parts.day, parts.hour, parts.minute)) / 1000;
-}
-
 export const seconds = instant => Date.parse(instant) / 1000;
 export const instant = at => new Date(Math.round(at) * 1000).toISOString().replace('.000Z', 'Z');

@@ -15,8 +15,8 @@ export function parse(text) {
   let at = 0;
   const lines = new Map([['', 1]]);
   const line = (place = at) => text.slice(0, place).split('\n').length;
-  const fail = detail => {
-    throw new JsonFault(detail, line(Math.min(at, text.length)));
+  const fail = (detail, place = at) => {
+    throw new JsonFault(detail, line(Math.min(place, text.length)));
   };
   const blank = () => {
     while (/\s/.test(text[at] ?? '')) at += 1;
@@ -63,13 +63,18 @@ export function parse(text) {
     }
     for (;;) {
       one();
+      // A comma is missing where the member ends, however many lines further what follows is.
+      const end = at;
       blank();
       if (text[at] === close) {
         at += 1;
         return;
       }
-      if (text[at] !== ',') fail(`a \`,\` or \`${close}\` is missing`);
+      if (text[at] !== ',') fail(`a \`,\` or \`${close}\` is missing`, end);
+      const comma = at;
       at += 1;
+      blank();
+      if (text[at] === close) fail(`nothing follows this \`,\``, comma);
     }
   };
   function object(pointer) {

@@ -1,23 +1,70 @@
 // Fits of several systems: what became better, what was refused and why. Or diagnoses: what is missing, and where.
-import { html } from '../html.js';
+import { html, useState } from '../html.js';
 import { useResource } from '../api.js';
 import { address, systemAddress } from '../router.js';
-import { useEvents } from '../events.js';
-import { clock, signed, words, NONE } from '../format.js';
+import { useEvents, hasEnded } from '../events.js';
+import { usePaced } from '../pace.js';
+import { signed, words, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
 import { Shown } from '../parts/screens.js';
+import { batchName, grouped, standing, Standings } from '../parts/batches.js';
+
+/** About what a batch says of a system, in bytes. */
+const BYTES_PER_SYSTEM = 400;
+/** As many systems of a group are shown; the others on demand. */
+const SHOWN = 12;
+const REFUSED = ['rejected', 'held', 'failed'];
 
 export function BatchPage({ id }) {
   const batch = useResource(`/batches/${id}`);
-  useEvents(kind => (kind === 'finished' || kind === 'started') && batch.reload());
-  return html`<h1>Batch of ${batch.data?.kind === 'diagnose' ? 'diagnoses' : 'fits'}</h1><${Shown} of=${batch} what="the batch" show=${data => html`
-    <p class="verdict"><${Status} of=${data.finished ? 'succeeded' : 'running'}
-      label="" /> ${data.summary[0].toUpperCase()}${data.summary.slice(1)}.</p>
-    <p class="quiet">${data.id}, ${clock(data.created_at)}${data.schedule ? `, by the schedule ${data.schedule}` : ''}.</p>
-    ${data.kind === 'diagnose' ? html`<${Diagnoses} data=${data} />` : html`<${Fits} jobs=${data.jobs} />`}
-    ${data.skipped.length > 0 && html`<h2>Left out</h2><ul>
-      ${data.skipped.map(row => html`<li>${typeof row === 'string' ? row : `${row.system}: ${row.why ?? row.reason}`}</li>`)}</ul>`}`} />`;
+  // Events say how a job stands; why the gate decided so is read again now and then, and in the end.
+  const [heard, setHeard] = useState({});
+  const readAgain = usePaced(batch.reload);
+  const now = batch.data && { ...batch.data, jobs: batch.data.jobs.map(row => latest(row, heard[row.job])) };
+  useEvents((kind, data) => {
+    if (!['queued', 'started', 'finished'].includes(kind) || !now?.jobs.some(row => row.job === data.id)) return;
+    setHeard(before => ({ ...before, [data.id]: data }));
+    const left = now.jobs.filter(row => row.job !== data.id && !hasEnded(row)).length;
+    readAgain(left === 0 && kind === 'finished' ? 0 : now.jobs.length * BYTES_PER_SYSTEM);
+  });
+  return html`<${Shown} of=${batch} what="the batch" show=${() => html`<${Batch} data=${now} />`} />`;
+}
+
+/** A row as the newest event has it; what was read later than that is newer. */
+function latest(row, job) {
+  if (!job || hasEnded(row)) return row;
+  return { ...row, state: job.state, outcome: job.outcome, fit: job.fit, diagnosis: job.diagnosis };
+}
+
+function Batch({ data }) {
+  const ended = data.jobs.filter(hasEnded).length;
+  const refused = data.jobs.map(row => ({ ...row, word: standing(row) })).filter(({ word }) => REFUSED.includes(word));
+  return html`<h1>${batchName(data, data.jobs.length)}</h1>
+    <p class="verdict"><${Status} of=${data.finished ? 'succeeded' : 'running'} label="" /> ${
+      data.finished ? `${data.summary[0].toUpperCase()}${data.summary.slice(1)}` : `${ended} of ${data.jobs.length} have ended`
+    }.</p>
+    <p class="quiet">${data.id}</p>
+    ${data.jobs.length > 0 && html`<${Standings} jobs=${data.jobs} />`}
+    ${refused.length > 0 && html`<${Reasons} caption="Refused or held, by reason" rows=${refused} />`}
+    ${data.skipped.length > 0 && html`<${Reasons} caption="Left out, by reason" rows=${data.skipped.map(row => ({ ...row, word: 'none' }))} />`}
+    ${data.kind === 'diagnose' ? html`<${Diagnoses} data=${data} />` : html`<${Fits} jobs=${data.jobs} />`}`;
+}
+
+/** Equal reasons together, with the systems that they were given to. */
+const Reasons = ({ caption, rows }) =>
+  html`<${Table} caption=${caption} columns=${[['how'], ['systems', 'number'], ['why'], ['which']]}
+    rows=${grouped(rows).map(({ word, reason, example, systems }) => [
+      html`<${Status} of=${word} label=${word === 'none' ? 'left out' : word === 'rejected' ? 'refused' : words(word)} />`,
+      systems.length,
+      html`${reason && html`<b>${reason}</b>, such as: `}${example}`,
+      html`<${Several} systems=${systems} />`,
+    ])} />`;
+
+function Several({ systems }) {
+  const links = list => list.map((system, at) => html`${at ? ', ' : ''}<a class="nowrap" href=${systemAddress(system)}>${system}</a>`);
+  if (systems.length <= SHOWN) return links(systems);
+  return html`${links(systems.slice(0, SHOWN))}<details><summary>and ${systems.length - SHOWN} more</summary>${links(systems.slice(SHOWN))}</details>`;
 }
 
 const jobLink = ({ job }) => html`<a href=${address(['jobs', job])}>${job.slice(0, 12)}…</a>`;
@@ -25,7 +72,7 @@ const jobLink = ({ job }) => html`<a href=${address(['jobs', job])}>${job.slice(
 const Fits = ({ jobs }) =>
   html`<${Table} caption="Systems" hidden columns=${[['system'], ['state'], ['outcome'], ['error against before', 'number'], ['why'], ['job']]}
     rows=${jobs.map(row => [
-      html`<a href=${systemAddress(row.system)}>${row.system}</a>`,
+      html`<a class="nowrap" href=${systemAddress(row.system)}>${row.system}</a>`,
       html`<${Status} of=${row.state} />`,
       row.outcome ? html`<${Status} of=${row.outcome} />` : NONE,
       row.error_ratio === null ? NONE : `${signed((row.error_ratio - 1) * 100, 1)} %`,
@@ -40,16 +87,15 @@ const GROUPS = [
 ];
 
 /** What is missing by effect, then the systems in which nothing has a name, then each with its sentence. */
-function Diagnoses({ data: { jobs, diagnosed, rejected } }) {
+function Diagnoses({ data: { jobs, diagnosed } }) {
   const place = system => {
     const { diagnosis } = jobs.find(job => job.system === system) ?? {};
-    return html`<a href=${systemAddress(system, 'missing', diagnosis ? { diagnosis } : {})}>${system}</a>`;
+    return html`<a class="nowrap" href=${systemAddress(system, 'missing', diagnosis ? { diagnosis } : {})}>${system}</a>`;
   };
   const list = systems => systems.map((system, at) => html`${at ? ', ' : ''}${place(system)}`);
   const groups = [
     ...diagnosed.named.map(({ effect, systems }) => [html`<a href=${address(['effects', effect.split(':')[0]])}>${effect}</a>`, systems]),
     ...GROUPS.map(([verdict, title]) => [title, diagnosed[verdict]]),
-    ['No diagnosis', rejected.map(({ system }) => system)],
   ].filter(([, systems]) => systems.length > 0);
   return html`
     ${groups.length > 0 && html`<${Table} caption="What is missing" columns=${[['what'], ['systems', 'number'], ['which']]}

@@ -6,6 +6,7 @@ import { say, sayFault } from '../say.js';
 import { number, clock, length, seconds, instant, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
+import { When } from '../parts/when.js';
 import { Shown, Empty, Failed, NotSaved } from '../parts/screens.js';
 import { Strips } from '../charts/strips.js';
 import { Upload } from './upload.js';
@@ -14,6 +15,7 @@ export function Data({ system, document, query, reload, changed }) {
   const windows = useList(`/systems/${system}/windows`);
   const path = withQuery(`/systems/${system}/series`, { max_points: 2000 });
   const series = useResource(windows.data?.length ? path : null);
+  const zone = document.location?.zone ?? 'UTC';
   const done = () => {
     windows.reload();
     series.reload();
@@ -25,8 +27,8 @@ export function Data({ system, document, query, reload, changed }) {
       empty=${html`<${Empty} title="No measurements yet"><p>Upload a CSV file above; its first column is the time.</p></${Empty}>`}
       show=${list => html`
         ${series.error ? html`<${Failed} error=${series.error} retry=${series.reload} />` : series.data &&
-          html`<${Series} all=${series.data} path=${path} query=${query} zone=${document.location?.zone ?? 'UTC'} />`}
-        <${Exclusions} system=${system} document=${document} query=${query} reload=${reload} changed=${changed} />
+          html`<${Series} all=${series.data} path=${path} query=${query} zone=${zone} />`}
+        <${Exclusions} system=${system} document=${document} query=${query} zone=${zone} reload=${reload} changed=${changed} />
         <${Channels} list=${list} />
         <${Windows} list=${list} done=${done} />`} />`;
 }
@@ -117,7 +119,7 @@ function stretches(filled) {
 }
 
 /** Times that no fit may learn from, such as a holiday or a broken sensor. */
-function Exclusions({ system, document, query, reload, changed }) {
+function Exclusions({ system, document, query, zone, reload, changed }) {
   const [draft, setDraft] = useState({ from: query.from ?? '', to: query.to ?? '', reason: '' });
   const [error, setError] = useState(null);
   const save = async exclude => {
@@ -141,24 +143,26 @@ function Exclusions({ system, document, query, reload, changed }) {
     setError(null);
     reload();
   };
-  const field = (name, title, placeholder) =>
-    html`<label>${title}<input value=${draft[name]} required placeholder=${placeholder}
-      onInput=${event => setDraft({ ...draft, [name]: event.target.value })} /></label>`;
+  const backwards = draft.from && draft.to && seconds(draft.from) > seconds(draft.to);
   return html`<section class="card"><h3>Kept out of training</h3>
     ${
       document.exclude.length === 0
         ? html`<p class="quiet">Nothing: every measurement is used.</p>`
-        : html`<${Table} caption="Exclusions" hidden columns=${[['from'], ['to'], ['reason'], ['']]}
-      rows=${document.exclude.map((entry, at) => [clock(entry.from), clock(entry.to), entry.reason,
+        : html`<${Table} caption="Exclusions" hidden columns=${[[`from (${zone})`], ['to'], ['reason'], ['']]}
+      rows=${document.exclude.map((entry, at) => [clock(entry.from, zone), clock(entry.to, zone), entry.reason,
         html`<button class="plain" onClick=${() => save(document.exclude.filter((_, other) => other !== at))}>Use it again</button>`])} />`
     }
     ${error && html`<${NotSaved} error=${error} again=${again}><p>Somebody has changed ${system} since this was read. What you wrote here
       stays.</p></${NotSaved}>`}
-    <form class="row" onSubmit=${add}>${field('from', 'From (UTC)', '2020-01-01T00:00:00Z')}${field('to', 'To (UTC)',
-      '2020-01-02T00:00:00Z')}${field('reason', 'Reason', 'windows were open')}
+    <form class="row bottom" onSubmit=${add}>
+      <${When} title="From" value=${draft.from} zone=${zone} change=${from => setDraft(now => ({ ...now, from }))} />
+      <${When} title="To" value=${draft.to} zone=${zone} change=${to => setDraft(now => ({ ...now, to }))} />
+      <label>Reason<input value=${draft.reason} required placeholder="windows were open"
+        onInput=${event => setDraft({ ...draft, reason: event.target.value })} /></label>
       ${query.from && html`<button type="button"
         onClick=${() => setDraft({ ...draft, from: query.from, to: query.to })}>Take the shown range</button>`}
-      <button>Keep it out</button></form>
+      <button disabled=${backwards}>Keep it out</button></form>
+    ${backwards && html`<p role="status">▲ It ends before it begins.</p>`}
   </section>`;
 }
 

@@ -2,7 +2,8 @@
 import { html } from '../html.js';
 import { useResource, withQuery } from '../api.js';
 import { systemAddress, go } from '../router.js';
-import { number, fixed, signed, percent, horizon, clock, instant, midnight, seconds, NONE } from '../format.js';
+import { number, fixed, signed, percent, horizon, clock, instant, seconds, NONE } from '../format.js';
+import { midnight } from '../zones.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';

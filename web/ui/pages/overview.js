@@ -1,8 +1,9 @@
 // Every system, worst first: which ones are bad, since when, and why.
-import { html, useState, useRef, useEffect } from '../html.js';
+import { html, useState, useRef } from '../html.js';
 import { ask, useList, useResource, post, curl } from '../api.js';
 import { address, systemAddress, setQuery, go } from '../router.js';
 import { useEvents } from '../events.js';
+import { usePaced } from '../pace.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
 import { NONE, length, fixed, fromNow, clock, plainly } from '../format.js';
@@ -15,6 +16,8 @@ import { Spark } from '../charts/spark.js';
 
 const SEVERITY = { bad: 0, attention: 1, unknown: 2, ok: 3 };
 const TREND = 8;
+/** About what the lists say of a row, in bytes. */
+const BYTES_PER_ROW = 1000;
 
 /** `/params` is one page: a controller reads it at once. */
 const itemsOf = (path, options) => ask(path, options).then(page => page.items);
@@ -65,13 +68,7 @@ export function Overview({ query }) {
   const fits = useList('/fits');
   const schedules = useList('/schedules');
   const [running, setRunning] = useState({});
-  const timer = useRef(null);
-  // Lists are asked again once for many ends that come together, as those of a batch do.
-  const refresh = () => {
-    clearTimeout(timer.current);
-    timer.current = setTimeout(() => [systems, served, fits].forEach(list => list.reload()), 250);
-  };
-  useEffect(() => () => clearTimeout(timer.current), []);
+  const refresh = usePaced(() => [systems, served, fits].forEach(list => list.reload()));
   useEvents((kind, data) => {
     if (kind === 'incumbent') return;
     setRunning(before => {
@@ -79,7 +76,11 @@ export function Overview({ query }) {
       if (kind === 'finished') return others;
       return { ...before, [data.system]: kind === 'progress' ? `${data.evaluations} evaluations` : kind === 'queued' ? 'waits' : 'runs' };
     });
-    if (kind === 'finished') refresh();
+    if (kind !== 'finished') return;
+    const rows = [systems, served, fits].reduce((sum, list) => sum + (list.data?.length ?? 0), 0);
+    refresh(rows * BYTES_PER_ROW);
+    // Nobody waits for the numbers after the last one.
+    ask('/jobs/counts').then(counts => counts.queued + counts.running === 0 && refresh(0), () => {});
   });
   const empty = html`<${Empty} title="No systems yet">
     <p>A system is a room or a plant with its measurements. <a href=${address(['new'])}>Add one</a>, or start the service with real houses:</p>
@@ -161,31 +162,31 @@ function Systems({ rows, running, query }) {
         <a class="button" href=${address(['new'])}>Add a system</a>
       </span>
     </div>
-    <div class="scroll" tabindex="0" role="region" aria-label="Systems, worst first"><table class="systems" ref=${table}>
+    <div class="scroll" tabindex="0" role="region" aria-label="Systems, worst first"><table role="table" class="systems cards" ref=${table}>
       <caption class="unseen">Systems, worst first</caption>
-      <thead><tr>
-        <th scope="col"><span class="unseen">Selected</span></th><th scope="col">System</th><th scope="col">Health, and why</th><th
-          scope="col">${explained('Served')}</th>
-        <th scope="col" class="number">${explained('24 h ahead')}</th><th scope="col">${explained('Validation')}</th><th
-          scope="col">${explained('Fails most')}</th><th scope="col">${explained('Flags')}</th><th scope="col">Next fit</th><th scope="col"><span class="unseen">Refit</span></th>
+      <thead role="rowgroup"><tr role="row">
+        <th role="columnheader" scope="col"><span class="unseen">Selected</span></th><th role="columnheader" scope="col">System</th><th role="columnheader" scope="col">Health, and why</th><th
+          role="columnheader" scope="col">${explained('Served')}</th>
+        <th role="columnheader" scope="col" class="number">${explained('24 h ahead')}</th><th role="columnheader" scope="col">${explained('Validation')}</th><th role="columnheader" scope="col">${explained('Fails most')}</th><th
+          role="columnheader" scope="col">${explained('Flags')}</th><th role="columnheader" scope="col">Next fit</th><th role="columnheader" scope="col"><span class="unseen">Refit</span></th>
       </tr></thead>
-      <tbody>${shown.map(
+      <tbody role="rowgroup">${shown.map(
         (
           row,
           index,
-        ) => html`<tr key=${row.system} class=${chosen.has(row.system) ? 'chosen' : ''} aria-current=${index === at ? 'true' : null}>
-        <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
-        <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small
+        ) => html`<tr role="row" key=${row.system} class=${chosen.has(row.system) ? 'chosen' : ''} aria-current=${index === at ? 'true' : null}>
+        <td role="cell"><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen.has(row.system)} onChange=${() => toggle(row.system)} /></td>
+        <th role="rowheader" scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(index)}>${row.system}</a><small
           title=${row.label}>${row.label || row.model}</small></th>
-        <td><${Status} of=${row.health} help="quiet" /><div class="why clamped" title=${row.why}>${breakable(plainly(row.why))}</div></td>
-        <td class="nowrap"><${Status} of=${row.status ?? 'none'} help="quiet" /><small>
+        <td role="cell" data-label="Health"><${Status} of=${row.health} help="quiet" /><div class="why clamped" title=${row.why}>${breakable(plainly(row.why))}</div></td>
+        <td role="cell" data-label="Served" class="nowrap"><${Status} of=${row.status ?? 'none'} help="quiet" /><small>
           ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
-        <td class="number">${row.day === null ? NONE : `${fixed(row.day)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
-        <td>${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))} ${row.unit}${row.several ? ` of ${row.several}` : ''}</small>` : NONE}</td>
-        <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
-        <td>${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
-        <td class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>
-        <td>${
+        <td role="cell" data-label="24 h ahead" class="number">${row.day === null ? NONE : `${fixed(row.day)} ${row.unit}`}<small>${row.dayOf ?? ''}</small></td>
+        <td role="cell" data-label="Validation">${row.trend.length ? html`<${Spark} values=${row.trend} unit=${row.unit} /><small>last ${fixed(row.trend.at(-1))} ${row.unit}${row.several ? ` of ${row.several}` : ''}</small>` : NONE}</td>
+        <td role="cell" data-label="Fails most"><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
+        <td role="cell" data-label="Flags">${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
+        <td role="cell" data-label="Next fit" class="nowrap">${row.next ? html`<span title=${clock(row.next)}>${fromNow(row.next)}</span>` : NONE}</td>
+        <td role="cell">${
           running[row.system]
             ? html`<${Status} of="running" label=${running[row.system]} />`
             : html`<button class="plain" aria-label=${`Refit ${row.system}`} onClick=${() => refit([row.system])}>Refit</button>`

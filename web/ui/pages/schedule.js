@@ -4,6 +4,7 @@ import { post, put } from '../api.js';
 import { clock, fromNow } from '../format.js';
 import { Dialog } from '../parts/dialog.js';
 import { Faults } from '../parts/screens.js';
+import { Zones } from '../parts/zones.js';
 
 const QUIET_MS = 250;
 const NIGHTLY = { cron: '30 2 * * *', zone: '', kind: 'recalibrate', enabled: true, systems: ['room/*'], request: {} };
@@ -109,7 +110,7 @@ export function Editor({ schedule, taken, close, done }) {
       <${Field} title="Time zone; empty is that of the service" faults=${of('zone')} input=${props =>
         html`<input ...${props} value=${draft.zone} list="zones" placeholder=${plan?.zone ?? ''} spellcheck=${false}
           onInput=${event => set({ zone: event.target.value })} />`} />
-      <datalist id="zones">${Intl.supportedValuesOf('timeZone').map(zone => html`<option value=${zone} />`)}</datalist>
+      <${Zones} id="zones" />
       <${Field} title="Systems: names such as room/4, or all of a kind, room/*" faults=${of('systems')} input=${props =>
         html`<input ...${props} value=${draft.systems} required spellcheck=${false} onInput=${event => set({ systems: event.target.value })} />`} />
       <${Field} title="What is asked of each, as in the body of a job (JSON); empty leaves the defaults" faults=${of('request')} input=${props =>

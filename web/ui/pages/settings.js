@@ -6,6 +6,8 @@ import { differences, onto } from '../merge.js';
 import { say } from '../say.js';
 import { NotSaved } from '../parts/screens.js';
 import { Table } from '../parts/table.js';
+import { Length } from '../parts/length.js';
+import { Zones } from '../parts/zones.js';
 
 const MODES = {
   auto: 'publish what the gate accepts',
@@ -23,9 +25,10 @@ export function Settings({ system, document, changed }) {
   const [others, setOthers] = useState([]);
   const set = change => setDraft({ ...draft, ...change });
   const policy = change => set({ policy: { ...draft.policy, ...change } });
+  /** A place or a zone that was emptied is not there, and neither is a location without both. */
   const place = change => {
-    const location = { lat: '', lon: '', zone: '', ...draft.location, ...change };
-    set({ location: Object.values(location).every(value => value === '' || value === null) ? null : location });
+    const said = Object.entries({ ...draft.location, ...change }).filter(([, value]) => value !== '' && value !== null);
+    set({ location: said.length ? Object.fromEntries(said) : null });
   };
   const save = async event => {
     event.preventDefault();
@@ -54,8 +57,8 @@ export function Settings({ system, document, changed }) {
       setError(fault);
     }
   };
-  const { lat = '', lon = '', zone = '' } = draft.location ?? {};
-  const degrees = value => (value === '' ? '' : Number.isFinite(Number(value)) ? Number(value) : value);
+  const { lat = '', lon = '', zone } = draft.location ?? {};
+  const degrees = text => (text === '' ? null : Number(text));
   return html`<form class="card" onSubmit=${save}>
     <div class="grid">
       <div>
@@ -66,7 +69,8 @@ export function Settings({ system, document, changed }) {
               id => html`<option value=${id} selected=${id === (draft.model ?? '')}>${id || 'none: others read its measurements'}</option>`,
             )}
           </select></label>
-        ${draft.model && html`<p><a href=${address(['models', draft.model])}>See its equations</a></p>`}
+        ${draft.model && html`<p><a href=${address(['models', draft.model])}>See its equations</a>, or <a
+          href=${address(['edit', 'model'], { system })}>write another model for ${system}</a></p>`}
         <label>Prior on the parameters
           <select value=${draft.prior} onChange=${event => set({ prior: event.target.value })}>
             ${['none', 'log_normal'].map(prior => html`<option value=${prior} selected=${prior === draft.prior}>${prior}</option>`)}
@@ -77,17 +81,19 @@ export function Settings({ system, document, changed }) {
           <select value=${draft.policy.mode} onChange=${event => policy({ mode: event.target.value })}>
             ${Object.entries(MODES).map(([mode, says]) => html`<option value=${mode} selected=${mode === draft.policy.mode}>${mode}: ${says}</option>`)}
           </select></label>
-        <label>Stale after (P3D is three days)
-          <input value=${draft.policy.stale_after} required onInput=${event => policy({ stale_after: event.target.value })} /></label>
-        <label>The controller looks ahead (PT6H is six hours)
-          <input value=${draft.policy.horizon} required onInput=${event => policy({ horizon: event.target.value })} /></label>
+        <${Length} title="Stale after" value=${draft.policy.stale_after} change=${text => policy({ stale_after: text })} />
+        <${Length} title="The controller looks ahead" value=${draft.policy.horizon} change=${text => policy({ horizon: text })} />
         <label class="inline"><input type="checkbox" checked=${draft.policy.refit_when_degraded}
           onChange=${event => policy({ refit_when_degraded: event.target.checked })} /> refit when new measurements contradict it</label>
       </div>
       <div>
-        <label>Latitude<input value=${lat} inputmode="decimal" onChange=${event => place({ lat: degrees(event.target.value) })} /></label>
-        <label>Longitude<input value=${lon} inputmode="decimal" onChange=${event => place({ lon: degrees(event.target.value) })} /></label>
-        <label>Time zone<input value=${zone} placeholder="Europe/Copenhagen" onChange=${event => place({ zone: event.target.value })} /></label>
+        <label>Latitude, north positive<input type="number" min="-90" max="90" step="any" value=${lat} required=${lon !== ''}
+          onInput=${event => place({ lat: degrees(event.target.value) })} /></label>
+        <label>Longitude, east positive<input type="number" min="-180" max="180" step="any" value=${lon} required=${lat !== ''}
+          onInput=${event => place({ lon: degrees(event.target.value) })} /></label>
+        <label>Time zone<input value=${zone ?? ''} list="zones" placeholder="UTC" spellcheck=${false} onChange=${event => place({ zone: event.target.value.trim() })} /></label>
+        <${Zones} id="zones" />
+        <p class="note">The place gives the position of the sun, the zone the hours and weekdays that people live by. Either may stand alone.</p>
       </div>
     </div>
     ${error && html`<${NotSaved} error=${error} word="Take over what has changed" again=${takeOver}><p>Somebody has changed ${system} since this form

@@ -83,7 +83,7 @@ export function Frame({
     ${note && html`<p class="note">${note}</p>`}
     ${
       numbers &&
-      html`<div class="numbers"><${Table} caption=${`${title}: numbers`} hidden columns=${numbers.columns}
+      html`<div class="numbers"><${Table} caption=${`${title}: numbers`} hidden cards=${false} columns=${numbers.columns}
         rows=${numbers.rows.slice(0, SHOWN_ROWS)} />
       ${numbers.rows.length > SHOWN_ROWS && html`<p class="note">The first ${SHOWN_ROWS} of ${numbers.rows.length} rows; CSV has all.</p>`}</div>`
     }

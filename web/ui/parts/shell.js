@@ -27,6 +27,9 @@ export function Shell({ place, children }) {
   // A dialog says that it is closed a moment later; by then another one may be open.
   const closed = which => () => setOpen(now => (now === which ? null : now));
   const [, redraw] = useState(0);
+  // Where the window is narrow, the places are behind a button that says where one is.
+  const [menu, setMenu] = useState(false);
+  const name = PLACES.find(([, parts]) => (parts[0] ?? 'systems') === (place ?? 'systems'))?.[0];
   const [fault, clear] = useErrorBoundary();
   const live = useConnection();
   useEffect(() => {
@@ -45,11 +48,11 @@ export function Shell({ place, children }) {
   });
   return html`
     <a class="skip" href="#main">Skip to the content</a>
-    <header>
-      <a class="brand" href=${address([])}><span class="glow" aria-hidden="true"></span>Lampyris</a>
-      <nav aria-label="Pages">${PLACES.map(
-        ([name, parts]) => html`
-        <a href=${address(parts)} aria-current=${(parts[0] ?? 'systems') === (place ?? 'systems') ? 'page' : null}>${name}</a>`,
+    <header class=${menu ? 'open' : ''}>
+      <a class="brand" href=${address([])}><span class="glow" aria-hidden="true"></span><span>Lampyris</span></a>
+      <button class="menu" aria-expanded=${menu} aria-controls="pages" onClick=${() => setMenu(!menu)}>☰ ${name ?? 'Pages'}</button>
+      <nav id="pages" aria-label="Pages" onClick=${() => setMenu(false)}>${PLACES.map(
+        ([title, parts]) => html`<a href=${address(parts)} aria-current=${title === name ? 'page' : null}>${title}</a>`,
       )}
         ${!REPORT && html`<a href="/docs">API</a><a href="/docs/book/">Book</a>`}
       </nav>
@@ -57,7 +60,7 @@ export function Shell({ place, children }) {
         ${live === false && html`<span class="status bad"><span class="shape" aria-hidden="true">■</span> connection lost, trying again</span>`}
         ${live && html`<span class="status ok" title="Jobs report here as they go"><span class="shape" aria-hidden="true">●</span> live</span>`}
         <${ForgetToken} />
-        <button class="plain" onClick=${turnTheme}>${THEMES[theme()][1]}</button>
+        <button class="plain theme" onClick=${turnTheme}>${THEMES[theme()][1]}</button>
         <button class="plain" onClick=${() => setOpen('commands')} aria-label="Commands">…</button>
         <button class="plain" onClick=${() => setOpen('help')} aria-label="Keys">?</button>
       </span>

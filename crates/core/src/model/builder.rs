@@ -79,7 +79,7 @@ impl Builder {
     /// Declares a state.
     pub fn state(&mut self, name: &str, unit: &str) {
         let pointer = format!("/states/{name}");
-        let unit = self.unit(&pointer, unit);
+        let unit = self.unit(&format!("{pointer}/unit"), unit);
         // A state is a physical quantity whose sign nothing guarantees.
         let symbol =
             Symbol { node: Node::State(self.states as u16), unit, nonnegative: false, missing: None };
@@ -116,7 +116,7 @@ impl Builder {
 
     /// Declares an input, or a family of them.
     pub fn input(&mut self, pointer: &str, key: &str, spec: &InputSpec, bindings: &Bindings) {
-        let unit = self.unit(pointer, &spec.unit);
+        let unit = self.unit(&format!("{pointer}/unit"), &spec.unit);
         let variable = declaration(key).and_then(|(_, family)| family).map(|(variable, _)| variable);
         let mark = format!("{{{}}}", variable.unwrap_or_default());
         if variable.is_some() && spec.channel.as_ref().is_some_and(|channel| !channel.contains(&mark)) {
@@ -149,7 +149,7 @@ impl Builder {
                 );
                 self.lowering
                     .faults
-                    .push(Fault::new(pointer, "hold", detail).suggest("write hold = \"zero_order\""));
+                    .push(Fault::new(format!("{pointer}/hold"), "hold", detail).suggest("write hold = \"zero_order\""));
             }
             let there = bindings.channels.as_ref().is_none_or(|channels| channels.contains(&channel));
             let node = Node::Input(self.inputs.len() as u16, Point::Start);
@@ -171,11 +171,11 @@ impl Builder {
 
     /// Declares a parameter, or a family of them.
     pub fn parameter(&mut self, pointer: &str, key: &str, spec: &ParameterSpec) {
-        let unit = self.unit(pointer, &spec.unit);
+        let unit = self.unit(&format!("{pointer}/unit"), &spec.unit);
         let finite = spec.lower.is_finite() && spec.upper.is_finite() && spec.lower < spec.upper;
         if !finite || (spec.scale == Scale::Log && spec.lower <= 0.0) {
             self.fault(
-                pointer,
+                &format!("{pointer}/lower"),
                 "bounds",
                 format!("the bounds [{}, {}] are not an interval on this scale", spec.lower, spec.upper),
             );
@@ -184,7 +184,7 @@ impl Builder {
             && !(spec.lower..=spec.upper).contains(&value)
         {
             self.fault(
-                pointer,
+                &format!("{pointer}/nominal"),
                 "bounds",
                 format!("the nominal value {value} lies outside [{}, {}]", spec.lower, spec.upper),
             );

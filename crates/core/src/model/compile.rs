@@ -70,14 +70,15 @@ pub fn compile(composition: &Composition, bindings: &Bindings) -> Result<Model, 
     let mut outputs: IndexMap<String, Value> = IndexMap::new();
     for (channel, output) in &spec.outputs {
         let pointer = format!("/outputs/{channel}");
-        let value = builder.lowering.text(&pointer, &output.expr);
+        let expr_at = format!("{pointer}/expr");
+        let value = builder.lowering.text(&expr_at, &output.expr);
         match Unit::parse(&output.unit) {
-            Ok(unit) => builder.lowering.demand(&pointer, value, unit, &format!("the output `{channel}`")),
-            Err(error) => builder.fault(&pointer, "unit", error.to_string()),
+            Ok(unit) => builder.lowering.demand(&expr_at, value, unit, &format!("the output `{channel}`")),
+            Err(error) => builder.fault(&format!("{pointer}/unit"), "unit", error.to_string()),
         }
         if !(output.noise_sd.is_finite() && output.noise_sd > 0.0) {
             builder.fault(
-                &pointer,
+                &format!("{pointer}/noise_sd"),
                 "noise",
                 "the standard deviation of the noise must be positive".to_owned(),
             );

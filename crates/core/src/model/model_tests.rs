@@ -245,7 +245,7 @@ fn a_clock_is_no_straight_line_between_samples() {
         compile(&catalogue.compose(&"clock".parse().unwrap()).unwrap(), &Bindings::default()).unwrap_err();
     assert_eq!(
         (faults.len(), faults[0].code.as_str(), faults[0].pointer.as_str()),
-        (1, "hold", "/inputs/hour")
+        (1, "hold", "/inputs/hour/hold")
     );
 }
 

@@ -127,6 +127,10 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
     };
     let app = App::start(settings).await.map_err(|error| Failure::Error(error.to_string()))?;
     let service = app.service();
+    let page = format!("http://{}/ui/", app.addr);
+    if !arguments.json {
+        print(&format!("The page is {page}, and shows what follows as it happens. It takes about a minute.\n"));
+    }
     let start = Instant::now();
     let mut submitted = Vec::new();
     for room in rooms() {
@@ -143,7 +147,7 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
             Submitted::Earlier(_) => {}
         }
     }
-    let finished = wait(service, &submitted, arguments.json, "rooms fitted").await?;
+    let finished = wait(service, &submitted, arguments.json, "Fitting the rooms of two real houses").await?;
     let seconds = start.elapsed().as_secs_f64();
     let plant = plant::fit(service, arguments.json).await?;
     let found = missing::find(service, arguments.json).await?;
@@ -167,10 +171,14 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
             .to_string(),
         );
     } else {
+        print("");
         present(&folder, seconds, &lines);
         plant::present(&plant, app.addr);
         missing::present(&found)?;
         invite(&app, &lines);
+        if !arguments.once {
+            print(&format!("\nThe page: {page}"));
+        }
     }
     if !arguments.once {
         stop_signal().await;

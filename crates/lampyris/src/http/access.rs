@@ -112,6 +112,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("get_effect", Some(Read), Several),
     ("post_effect", Some(Admin), Several),
     ("list_jobs", Some(Read), Several),
+    ("count_jobs", Some(Read), Several),
     ("post_job", Some(Operate), Several),
     ("get_job", Some(Read), JOB),
     ("get_job_events", Some(Read), JOB),

@@ -14,7 +14,7 @@ use crate::service::work::progress::ProgressReport;
 use crate::store;
 use crate::store::batches::SubmittedBatch;
 use crate::store::jobs::{
-    Filter, JobKind, JobRecord, JobResult, JobState, JobStatus, Origin, Outcome, Priority,
+    Filter, JobKind, JobOrder, JobRecord, JobResult, JobState, JobStatus, Origin, Outcome, Priority,
 };
 use crate::store::queue::Submitted;
 use axum::extract::{Path, State};
@@ -23,6 +23,7 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::tune::Tuning;
+use lampyris_core::fault::Fault;
 use lampyris_core::model::ModelId;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -35,6 +36,7 @@ use utoipa_axum::routes;
 pub fn router() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .routes(routes!(post_job, list_jobs))
+        .routes(routes!(count_jobs))
         .routes(routes!(get_job))
         .routes(routes!(cancel_job))
         .routes(routes!(retry_job))
@@ -106,6 +108,8 @@ enum SubmittedAnswer {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 struct JobQuery {
+    /// `submitted` by default; `turn` lists those that wait, `ended` those that have ended.
+    order: Option<JobOrder>,
     /// Only those that stand so.
     state: Option<JobStatus>,
     /// Only those of this system.
@@ -289,7 +293,7 @@ fn status(code: u16) -> StatusCode {
     StatusCode::from_u16(code).unwrap_or(StatusCode::OK)
 }
 
-/// Jobs, newest first.
+/// Jobs, the one that was submitted last first, unless another `order` is asked for.
 #[utoipa::path(
     get,
     path = "/jobs",
@@ -302,17 +306,47 @@ async fn list_jobs(
     caller: Caller,
     Asked(query): Asked<JobQuery>,
 ) -> Result<axum::Json<Page<JobAnswer>>, ApiError> {
+    let order = query.order.unwrap_or(JobOrder::Submitted);
+    let belongs = |state: JobStatus| match order {
+        JobOrder::Submitted => true,
+        JobOrder::Turn => state == JobStatus::Queued,
+        JobOrder::Ended => state.is_final(),
+    };
+    if let Some(state) = query.state.filter(|state| !belongs(*state)) {
+        let detail = format!("no job that is {} is listed in the order {}", state.as_str(), order.as_str());
+        return Err(ApiError::Invalid(vec![Fault::new("query order", "contradiction", detail)]));
+    }
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
     let filter =
         Filter { state: query.state, kind: query.kind, system: query.system, reach: caller.reach().clone() };
     let size = page.size()?;
-    let records = store::jobs::page(&service.store, &filter, page.before()?, size + 1).await?;
+    let behind = page.page_token.as_ref().map(|_| page.before()).transpose()?;
+    let records = store::jobs::page(&service.store, &filter, order, behind, size + 1).await?;
+    let place = |record: &JobRecord| match order {
+        JobOrder::Submitted | JobOrder::Turn => record.sequence,
+        JobOrder::Ended => record.state.end_sequence().unwrap_or_default(),
+    };
     Ok(axum::Json(Page::of(
         records,
         size,
-        |record| record.sequence.to_string(),
+        |record| place(record).to_string(),
         |record| JobAnswer::of(&service, record),
     )))
+}
+
+/// How many jobs stand how.
+#[utoipa::path(
+    get,
+    path = "/jobs/counts",
+    tag = "jobs",
+    responses((status = 200, body = BTreeMap<String, i64>), Problems)
+)]
+async fn count_jobs(
+    State(service): State<Shared>,
+    caller: Caller,
+) -> Result<axum::Json<BTreeMap<&'static str, i64>>, ApiError> {
+    let counts = store::jobs::counts(&service.store, caller.reach()).await?;
+    Ok(axum::Json(counts.into_iter().map(|(state, count)| (state.as_str(), count)).collect()))
 }
 
 /// One job.

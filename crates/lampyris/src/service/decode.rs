@@ -135,12 +135,15 @@ pub struct Read<T> {
 
 impl<T> Read<T> {
     /// Adds what is wrong with the meaning of what could be read, at its places in the document as it was
-    /// sent.
+    /// sent. What was taken out because it is wrong is not missing as well.
     pub fn add(&mut self, faults: impl IntoIterator<Item = Fault>) {
-        let items = &self.items;
-        self.faults.extend(
-            faults.into_iter().map(|fault| Fault { pointer: as_sent(&fault.pointer, items), ..fault }),
-        );
+        for fault in faults {
+            let fault = Fault { pointer: as_sent(&fault.pointer, &self.items), ..fault };
+            let is_known = self.faults.iter().any(|known| known.pointer == fault.pointer);
+            if !(is_known && fault.code == "missing-field") {
+                self.faults.push(fault);
+            }
+        }
     }
 
     /// The document, if nothing is wrong.
@@ -274,7 +277,7 @@ fn describe(pointer: &str, message: &str) -> Fault {
     } else {
         "invalid-value"
     };
-    let fault = Fault::new(pointer, code, shorten(message));
+    let fault = Fault::new(pointer, code, shorten(&message.replace("expected f64", "expected a number")));
     let near = if code.starts_with("unknown") { nearest(first, quoted) } else { None };
     match near {
         Some(near) => fault.suggest(format!("did you mean `{near}`?")),
@@ -330,6 +333,7 @@ mod tests {
             ]
         );
         assert_eq!(faults[0].suggestion.as_deref(), Some("did you mean `name`?"));
+        assert_eq!(faults[3].detail, "invalid type: string \"a\", expected a number");
     }
 
     #[test]

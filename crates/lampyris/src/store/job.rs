@@ -43,6 +43,19 @@ impl JobStatus {
 }
 
 words! {
+    /// In which order jobs are listed, and thereby which.
+    JobOrder {
+        /// All, the one that was submitted last first.
+        Submitted = "submitted",
+        /// Those that wait, the one whose turn it is first. Where tenants share the queue, each has an order of
+        /// its own, and they take turns.
+        Turn = "turn",
+        /// Those that have ended, the newest end first.
+        Ended = "ended",
+    }
+}
+
+words! {
     /// What a job that succeeded led to.
     Outcome {
         /// The gate accepted the fit; it is served if the job counts. Of a tuning: its settings are the

@@ -5,11 +5,11 @@ use super::error::StoreError;
 use super::job_record::Row;
 use super::reach::SystemScope;
 use super::statement::query_as;
-use super::value::to_json;
+use super::value::{parse, to_json};
 use lampyris_core::data::SystemId;
 use sqlx::AssertSqlSafe;
 
-pub use super::job::{JobFailure, JobKind, JobStatus, Origin, Outcome, Priority};
+pub use super::job::{JobFailure, JobKind, JobOrder, JobStatus, Origin, Outcome, Priority};
 pub use super::job_record::{Ended, FoundFit, JobRecord, JobResult, JobState, Lease};
 
 /// One job.
@@ -33,6 +33,9 @@ pub async fn newest(store: &Store, systems: &[String]) -> Result<Vec<JobRecord>,
     rows.into_iter().map(Row::record).collect()
 }
 
+/// The order in which the jobs of a tenant are claimed.
+const TURN: &str = "priority, turn, sequence";
+
 /// Which jobs a list shows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Filter {
@@ -46,22 +49,35 @@ pub struct Filter {
     pub reach: SystemScope,
 }
 
-/// Jobs submitted before a sequence number, newest first: one page of a list.
+/// One page of a list of jobs: those behind the place of one in the order, which is its sequence number, or
+/// that of its end where ends are listed; from the first on where there is none.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn page(
     store: &Store,
     filter: &Filter,
-    before: i64,
+    order: JobOrder,
+    behind: Option<i64>,
     limit: i64,
 ) -> Result<Vec<JobRecord>, StoreError> {
+    let (place, sorted) = match (order, behind) {
+        (JobOrder::Submitted, _) => ("sequence < $1", "sequence DESC"),
+        (JobOrder::Ended, _) => ("end_sequence < $1", "end_sequence DESC"),
+        (JobOrder::Turn, None) => ("state = 'queued' AND sequence < $1", TURN),
+        (JobOrder::Turn, Some(_)) => (
+            "state = 'queued' AND (priority, turn, sequence) > (SELECT priority, turn, sequence FROM jobs WHERE \
+            sequence = $1)",
+            TURN,
+        ),
+    };
     // Only what is asked for stands in the statement, and only the first of it may choose the index (`+`
     // hides a column from SQLite): the jobs of one system are few among many, those in a state are fewer than
     // those of a kind.
-    let mut sql = "SELECT * FROM jobs WHERE sequence < $1".to_owned();
-    let mut hide = "";
+    let mut sql = format!("SELECT * FROM jobs WHERE {place}");
     let hidden = if store.is_shared() { "" } else { "+" };
+    // Ends have an index in their order.
+    let mut hide = if order == JobOrder::Ended { hidden } else { "" };
     if filter.system.is_some() {
         sql += " AND system = $3";
         hide = hidden;
@@ -77,13 +93,35 @@ pub async fn page(
     if !filter.reach.is_all() {
         sql += " AND EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, system))";
     }
-    sql += " ORDER BY sequence DESC LIMIT $2";
+    sql += &format!(" ORDER BY {sorted} LIMIT $2");
     let rows: Vec<Row> = query_as(AssertSqlSafe(sql))
-        .bind(before)
+        .bind(behind.unwrap_or(i64::MAX))
         .bind(limit)
         .bind(filter.system.as_ref().map(ToString::to_string))
         .bind(filter.reach.sql()?)
         .fetch_all(&store.reader)
         .await?;
     rows.into_iter().map(Row::record).collect()
+}
+
+/// How many jobs of these systems stand how.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn counts(store: &Store, reach: &SystemScope) -> Result<Vec<(JobStatus, i64)>, StoreError> {
+    let within = if reach.is_all() {
+        ""
+    } else {
+        " AND EXISTS (SELECT 1 FROM json_each($1) WHERE glob(value, system))"
+    };
+    // Each state has an index of its own, which is found by the word alone.
+    let parts: Vec<String> = JobStatus::ALL
+        .iter()
+        .map(|state| format!("SELECT '{0}', COUNT(*) FROM jobs WHERE state = '{0}'{within}", state.as_str()))
+        .collect();
+    let rows: Vec<(String, i64)> = query_as(AssertSqlSafe(parts.join(" UNION ALL ")))
+        .bind(reach.sql()?)
+        .fetch_all(&store.reader)
+        .await?;
+    rows.into_iter().map(|(state, count)| Ok((parse("a state", &state)?, count))).collect()
 }

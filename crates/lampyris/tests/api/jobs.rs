@@ -43,10 +43,32 @@ fn equal_jobs_wait_once() {
     assert_eq!((page["items"].as_array().unwrap().len(), rest["items"].as_array().unwrap().len()), (3, 1));
     assert!(rest["next_page_token"].is_null());
 
+    // Those that wait, by their turn, a page at a time; what has not ended is no part of the ends.
+    let turns = app.get("/jobs?order=turn").json();
+    let ids = |page: &Value| -> Vec<String> {
+        page["items"].as_array().unwrap().iter().map(|job| job["id"].as_str().unwrap().to_owned()).collect()
+    };
+    let one = app.get("/jobs?order=turn&page_size=2").json();
+    let other = app
+        .get(&format!("/jobs?order=turn&page_size=2&page_token={}", one["next_page_token"].as_str().unwrap()))
+        .json();
+    assert_eq!(ids(&turns).len(), 3);
+    assert_eq!([ids(&one), ids(&other)].concat(), ids(&turns));
+    assert_eq!((list("order=ended"), list("order=turn&state=queued&system=room/2")), (0, 2));
+    app.get("/jobs?order=ended&state=running").problem(422, "invalid-request");
+    assert_eq!(
+        app.get("/jobs/counts").json(),
+        json!({"queued": 3, "running": 1, "succeeded": 0, "failed": 0, "cancelled": 0})
+    );
+
     for job in [&blocker, beside["id"].as_str().unwrap()] {
         app.post(&format!("/jobs/{job}/cancel")).expect(200);
     }
     assert_eq!(app.ended(first["id"].as_str().unwrap())["state"], "succeeded");
+    let ends = app.get("/jobs?order=ended").json();
+    let times: Vec<&str> =
+        ends["items"].as_array().unwrap().iter().map(|job| job["ended_at"].as_str().unwrap()).collect();
+    assert!(times.len() > 2 && times.windows(2).all(|pair| pair[0] >= pair[1]), "{times:?}");
 }
 
 #[test]

@@ -115,7 +115,7 @@ pub async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>,
             }
         }
     }
-    for job in wait(service, &submitted, hidden, "questions answered").await? {
+    for job in wait(service, &submitted, hidden, "Asking three rooms what their models are missing").await? {
         if let Some(error) = job.state.failure() {
             return Err(Failure::Error(format!("{}: {}", job.system, error.detail)));
         }

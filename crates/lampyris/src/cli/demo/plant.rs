@@ -79,7 +79,7 @@ pub async fn fit(service: &Service, hidden: bool) -> Result<PlantFit, Failure> {
             // Only a repeated request with a key comes earlier, and this has none.
             Submitted::Earlier(_) => Vec::new(),
         };
-    let finished = wait(service, &submitted, hidden, "plants fitted").await?;
+    let finished = wait(service, &submitted, hidden, "Fitting a treatment plant").await?;
     let fit = finished.iter().find_map(|job| Some(job.state.result()?.found()?.id.clone()));
     let why = || {
         finished

@@ -37,7 +37,7 @@ pub struct SystemDocument {
     #[serde(default, skip_serializing_if = "String::is_empty")]
     #[schema(max_length = 64, pattern = "^[A-Za-z0-9_-]*$", example = "north-estate")]
     pub tenant: String,
-    /// Where it is, for the position of the sun.
+    /// Where it is, for the position of the sun, and on which clock people live there.
     #[serde(default)]
     pub location: Option<Location>,
     /// The model whose fits are served. Only a site, whose measurements others share, may have none.
@@ -81,19 +81,51 @@ pub struct SystemDocument {
     pub exclude: Vec<Exclusion>,
 }
 
-/// A place on earth.
+/// A place on earth, its time zone, or both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Location {
-    /// Latitude in degrees, north positive.
+    /// Latitude in degrees, north positive. Without a place, the position of the sun is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = -90, maximum = 90)]
-    pub lat: f64,
-    /// Longitude in degrees, east positive.
+    pub lat: Option<f64>,
+    /// Longitude in degrees, east positive; it goes with the latitude.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = -180, maximum = 180)]
-    pub lon: f64,
+    pub lon: Option<f64>,
     /// IANA time zone of the inputs `hour_of_day` and `weekday`; UTC where it is not given.
     #[serde(default)]
     pub zone: Option<String>,
+}
+
+impl Location {
+    fn faults(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        for (field, what, value, other, limit) in
+            [("lat", "latitude", self.lat, self.lon, 90.0), ("lon", "longitude", self.lon, self.lat, 180.0)]
+        {
+            let pointer = format!("/location/{field}");
+            match value {
+                Some(value) if !value.is_finite() || value.abs() > limit => {
+                    let detail = format!("a {what} lies between -{limit} and {limit}, not at {value}");
+                    faults.push(Fault::new(pointer, "out-of-range", detail));
+                }
+                None if other.is_some() => {
+                    let detail = format!("the {what} is missing: a place has a latitude and a longitude");
+                    let fault = Fault::new(pointer, "missing-field", detail);
+                    faults.push(fault.suggest("give both, or neither"));
+                }
+                _ => {}
+            }
+        }
+        if let Some(zone) = self.zone.as_ref().filter(|zone| jiff::tz::TimeZone::get(zone).is_err()) {
+            let shown: String = zone.chars().take(40).collect();
+            let detail = format!("`{}` is no IANA time zone", shown.escape_debug());
+            let fault = Fault::new("/location/zone", "unknown-zone", detail);
+            faults.push(fault.suggest("such as `Europe/Copenhagen`"));
+        }
+        faults
+    }
 }
 
 /// What happens to an accepted fit.
@@ -191,7 +223,7 @@ impl SystemDocument {
     /// What the model is told about the place.
     pub fn site(&self) -> Site {
         Site {
-            location: self.location.as_ref().map(|place| (place.lat, place.lon)),
+            location: self.location.as_ref().and_then(|place| place.lat.zip(place.lon)),
             zone: self.location.as_ref().and_then(|place| place.zone.clone()),
             sets: self.sets(),
         }
@@ -262,32 +294,7 @@ impl SystemDocument {
     pub(super) fn faults(&self, system: &SystemId, catalogue: &Catalogue) -> Vec<Fault> {
         let mut faults = self.model_faults(catalogue);
         if let Some(place) = &self.location {
-            let inside = |value: f64, limit: f64| value.is_finite() && value.abs() <= limit;
-            if !inside(place.lat, 90.0) {
-                faults.push(Fault::new(
-                    "/location/lat",
-                    "out-of-range",
-                    format!("a latitude lies between -90 and 90, not at {}", place.lat),
-                ));
-            }
-            if !inside(place.lon, 180.0) {
-                faults.push(Fault::new(
-                    "/location/lon",
-                    "out-of-range",
-                    format!("a longitude lies between -180 and 180, not at {}", place.lon),
-                ));
-            }
-            if let Some(zone) = place.zone.as_ref().filter(|zone| jiff::tz::TimeZone::get(zone).is_err()) {
-                let shown: String = zone.chars().take(40).collect();
-                faults.push(
-                    Fault::new(
-                        "/location/zone",
-                        "unknown-zone",
-                        format!("`{}` is no IANA time zone", shown.escape_debug()),
-                    )
-                    .suggest("such as `Europe/Copenhagen`"),
-                );
-            }
+            faults.extend(place.faults());
         }
         let in_name = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-';
         if self.tenant.len() > LONGEST_TENANT || !self.tenant.bytes().all(in_name) {

@@ -98,11 +98,15 @@ fn model_mutations() -> Vec<Mutation<Value>> {
         }),
         one("means id", &[("/id", "invalid-id")], |m| set(m, "/id", json!("walls+roof"))),
         one("means id", &[("/id", "invalid-id")], |m| set(m, "/id", json!("../walls"))),
-        one("means input", &[("/inputs/P_heater", "unit")], |m| {
+        one("means input", &[("/inputs/P_heater/unit", "unit")], |m| {
             set(m, "/inputs/P_heater/unit", json!("horse"))
         }),
-        one("means bounds", &[("/parameters/b", "bounds")], |m| set(m, "/parameters/b/lower", json!(0))),
-        one("means bounds", &[("/parameters/b", "bounds")], |m| set(m, "/parameters/b/nominal", json!(99))),
+        one("means bounds", &[("/parameters/b/lower", "bounds")], |m| {
+            set(m, "/parameters/b/lower", json!(0))
+        }),
+        one("means bounds", &[("/parameters/b/nominal", "bounds")], |m| {
+            set(m, "/parameters/b/nominal", json!(99))
+        }),
         one("means start", &[("/parameters/T_w0/nominal", "unknown-name")], |m| {
             set(m, "/parameters/T_w0/nominal", json!("T_rom"))
         }),
@@ -214,8 +218,8 @@ fn effect_mutations() -> Vec<Mutation<Value>> {
             drop_field(m, "/parameters/c_lamp/upper")
         }),
         one("means id", &[("/id", "invalid-id")], |m| set(m, "/id", json!("a:b"))),
-        one("means input", &[("/inputs/lux", "unit")], |m| set(m, "/inputs/lux/unit", json!("lx"))),
-        one("means bounds", &[("/parameters/c_lamp", "bounds")], |m| {
+        one("means input", &[("/inputs/lux/unit", "unit")], |m| set(m, "/inputs/lux/unit", json!("lx"))),
+        one("means bounds", &[("/parameters/c_lamp/nominal", "bounds")], |m| {
             set(m, "/parameters/c_lamp/nominal", json!(2))
         }),
         one("means term", &[("/terms/T_r", "unknown-name")], |m| set(m, "/terms/T_r", json!("c_lamp*lumen"))),
