@@ -5,7 +5,7 @@ import { REPORT } from '../carried.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { number, fixed, clock, words, NONE } from '../format.js';
-import { Status, Flags } from '../parts/status.js';
+import { Status, Verdict, Flags } from '../parts/status.js';
 import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
 import { Equations, Typeset } from '../parts/equations.js';
@@ -163,7 +163,7 @@ export function Judgement({ fit, ask: asking, done }) {
         }),
     });
   return html`<section>
-    <div class="row apart"><h2>What the gate says: <${Status} of=${fit.verdict ?? 'unknown'} /></h2>
+    <div class="row apart"><h2>What the gate says: <${Verdict} fit=${fit} /></h2>
       ${fit.waits_for_operator && html`<span class="row"><button class="main"
         onClick=${decide('promote', 'Promote to the controller')}>Promote</button><button
           onClick=${decide('reject', 'Reject this fit')}>Reject</button></span>`}</div>

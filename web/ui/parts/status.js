@@ -1,6 +1,6 @@
 // A status is a shape, a word and a colour, so that none of them has to be seen.
 import { html } from '../html.js';
-import { words } from '../format.js';
+import { words, WAITS } from '../format.js';
 
 const LOOKS = {
   ok: ['●', 'ok'],
@@ -36,6 +36,10 @@ export function Status({ of, label }) {
   const [shape, tone] = LOOKS[of] ?? ['○', 'quiet'];
   return html`<span class="status ${tone}"><span class="shape" aria-hidden="true">${shape}</span> ${label ?? SAID[of] ?? words(of)}</span>`;
 }
+
+/** What the gate said of a fit, or that it waits for an operator. */
+export const Verdict = ({ fit }) =>
+  html`<${Status} of=${fit.waits_for_operator ? 'suggested' : (fit.verdict ?? 'unknown')} label=${fit.waits_for_operator ? WAITS : undefined} />`;
 
 /**
  * The remarks of the gate, such as `at_bound:c_solar`, one mark for each kind, what lies at a bound first. `most` kinds
