@@ -6,6 +6,7 @@ import { useEvents } from '../events.js';
 import { number, fixed, seconds, instant, fromNow, clock, horizon, percent, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Status } from '../parts/status.js';
+import { Loading } from '../parts/screens.js';
 import { forecasts, outputIn } from '../parts/outputs.js';
 import { Curve } from '../charts/curve.js';
 import { linesOf } from './fit.js';
@@ -13,7 +14,10 @@ import { linesOf } from './fit.js';
 const DAY_S = 24 * 3600;
 const POINTS = 400;
 const MOST_NAMES = 3;
-const few = names => (names.length > MOST_NAMES ? `${names.slice(0, MOST_NAMES).join(', ')} and ${names.length - MOST_NAMES} more` : names.join(' and '));
+/** The half of a band that holds 95 of 100, in standard deviations. */
+const BAND = 1.96;
+const few = names =>
+  names.length > MOST_NAMES ? `${names.slice(0, MOST_NAMES).join(', ')} and ${names.length - MOST_NAMES} more` : names.join(' and ');
 
 /** The last sample of a line that has a value, or -1. */
 const lastKnown = values => values.findLastIndex(value => value !== null && value !== undefined);
@@ -44,16 +48,14 @@ export function Front({ system, fit, metrics, params, document, row, waiting, qu
   const at = output ? lastKnown(middle(output.measured)) : -1;
   const newest = at >= 0 ? past.data.time[at] : to;
   const reach = past.data && kept.data && newest ? reachOf(past.data, kept.data, windows.data.items[0], newest) : null;
-  const why = !params
-    ? 'No forecast: nothing is served whose model could make one.'
-    : !ahead
-      ? 'No forecast: this model has no filter that could follow the measurements.'
-      : reach && reach.hours < 1
-        ? `No forecast: nothing is known of ${few(reach.names)} after ${clock(reach.until, document.location?.zone)}. Upload ${reach.names.length > 1 ? 'their forecasts' : 'its forecast'} for the hours to come.`
-        : null;
-  const next = useResource(reach && !why ? withQuery(`/systems/${system}/forecast`, reach.hours < 24 ? { horizon: `PT${reach.hours}H` } : {}) : null);
-  useEvents((kind, data) => kind === 'finished' && data.system === system && [windows, diagnoses, scores].forEach(resource => resource.reload()));
   const zone = document.location?.zone ?? 'UTC';
+  const why = whyNone({ params, ahead, reach, zone });
+  const coming = withQuery(`/systems/${system}/forecast`, { horizon: reach && `PT${Math.min(reach.hours, 24)}H` });
+  const next = useResource(reach && !why ? coming : null);
+  useEvents((kind, data) => kind === 'finished' && data.system === system && [windows, diagnoses, scores].forEach(resource => resource.reload()));
+  const step = stepOf({
+    params, row, waiting, to, diagnosis: diagnoses.data?.items[0], known: diagnoses.data !== null, model: document.model,
+  });
   return html`<section class="front" aria-label="At a glance">
     <div>
       <dl class="figures">
@@ -62,14 +64,26 @@ export function Front({ system, fit, metrics, params, document, row, waiting, qu
       </dl>
       <p>${fares({ name, metrics, params, past: past.data, scores: scores.data })}</p>
       ${(why || next.error) && html`<p class="quiet">${why ?? `No forecast: ${next.error.errors?.[0]?.detail ?? next.error.detail}.`}</p>`}
-      <p><${Next} step=${stepOf({ params, row, waiting, to, diagnosis: diagnoses.data?.items[0], known: diagnoses.data !== null, model: document.model })} system=${system} /></p>
+      <p><${Next} step=${step} system=${system} /></p>
     </div>
-    <div>${output && html`<${Days} name=${name} unit=${output.unit} past=${past.data} newest=${newest} to=${next.data?.outputs[name] ? next.data : null}
-      ahead=${ahead} path=${next.data ? `/systems/${system}/forecast` : null} zone=${zone} />`}</div>
+    <div>${past.loading && !past.data && html`<${Loading} what="the last day" />`}${output && html`<${Days} name=${name} unit=${output.unit} past=${past.data} newest=${newest} zone=${zone} ahead=${ahead}
+      to=${next.data?.outputs[name] ? next.data : null} path=${next.data ? coming : null} />`}</div>
   </section>`;
 }
 
-/** How many hours behind the newest measurement every input is known, and which end first. What the service computes itself never ends. */
+/** Why nothing is forecast, in a sentence; null where something is, or nobody knows yet. */
+function whyNone({ params, ahead, reach, zone }) {
+  if (!params) return 'No forecast: nothing is served whose model could make one.';
+  if (!ahead) return 'No forecast: this model has no filter that could follow the measurements.';
+  if (!reach || reach.hours >= 1) return null;
+  const theirs = reach.names.length > 1 ? 'their forecasts' : 'its forecast';
+  return `No forecast: nothing is known of ${few(reach.names)} after ${clock(reach.until, zone)}. Upload ${theirs} for the hours to come.`;
+}
+
+/**
+ * How many hours behind the newest measurement every input is known, and which end first. What the service computes
+ * itself never ends.
+ */
 function reachOf(past, kept, newestWindow, newest) {
   const ends = Object.entries(past.inputs).flatMap(([name, line]) => {
     const forecast = kept.find(entry => entry.channel === name);
@@ -87,12 +101,14 @@ function reachOf(past, kept, newestWindow, newest) {
 function fares({ name, metrics, params, past, scores }) {
   const said = scores?.outputs[name]?.leads.findLast(lead => lead.n > 0 && horizonHours(lead.lead) <= 24);
   if (said)
-    return `What it said ${horizon(said.lead)} ahead was wrong by ${fixed(said.rmse)} ${scores.outputs[name].unit}, and ${percent(said.within95)} of what came lay in its band; holding the last value errs by ${fixed(said.persistence)}.`;
+    return `What it said ${horizon(said.lead)} ahead was wrong by ${fixed(said.rmse)} ${scores.outputs[name].unit}, and ${percent(said.within95)}
+      of what came lay in its band; holding the last value errs by ${fixed(said.persistence)}.`;
   const yesterday = past?.mode === 'ahead' ? past.errors[name]?.range : null;
   const usual = metrics[name]?.ahead?.PT24H;
   const unit = metrics[name]?.unit;
   if (yesterday?.n && usual)
-    return `Over the last day forecasts made 24 h before err by ${fixed(yesterday.rmse)} ${unit}; on unseen data they usually err by ${fixed(usual.rmse)} ${unit}, holding the last value by ${fixed(usual.persistence)}.`;
+    return `Over the last day forecasts made 24 h before err by ${fixed(yesterday.rmse)} ${unit}; on unseen data they usually err by
+      ${fixed(usual.rmse)} ${unit}, holding the last value by ${fixed(usual.persistence)}.`;
   if (metrics[name]) return `On unseen data its free run errs by ${fixed(metrics[name].validation_rmse)} ${unit}.`;
   return params ? 'Nothing is known of its errors yet.' : 'Nothing was fitted yet.';
 }
@@ -128,11 +144,13 @@ function Next({ step, system }) {
 function Days({ name, unit, past, newest, to, ahead, path, zone }) {
   const from = seconds(newest);
   const hours = time => (seconds(time) - from) / 3600;
-  const line = (time, values) => time.map((at, row) => [hours(at), values[row]]).filter(([, value]) => value !== null && value !== undefined);
+  const line = (time, values) =>
+    time.map((at, row) => [hours(at), values[row]]).filter(([, value]) => value !== null && value !== undefined);
   const measured = line(past.time, middle(past.outputs[name].measured));
   const before = line(past.time, middle(past.outputs[name].simulated));
-  const come = to ? line(to.time, to.outputs[name].values) : [];
-  const band = to ? to.time.map((at, row) => [hours(at), ...[-1.96, 1.96].map(width => to.outputs[name].values[row] + width * to.outputs[name].sd[row])]) : [];
+  const { values = [], sd = [] } = to?.outputs[name] ?? {};
+  const come = line(to?.time ?? [], values);
+  const band = values.map((value, row) => [hours(to.time[row]), ...[-1, 1].map(side => value + side * BAND * sd[row])]);
   const all = [...measured, ...before, ...come].map(([, value]) => value).concat(band.flatMap(([, low, high]) => [low, high]));
   const title = `The last day: ${ahead ? 'forecast' : 'model'} and measured${to ? ', and the hours to come' : ''}`;
   const labels = [ahead ? 'said a day before' : 'model', `next ${Math.round(come.at(-1)?.[0] ?? 0)} h, band 95 %`];
@@ -151,8 +169,12 @@ function Days({ name, unit, past, newest, to, ahead, path, zone }) {
     ]);
   };
   return html`<${Frame} title=${title} path=${path ?? `/fits/${past.fit}/comparison`} summary=${says}
-    table=${() => ({ columns: [['time'], ['measured', 'number'], [labels[0], 'number'], ['to come', 'number'], ['low', 'number'], ['high', 'number']], rows: rows() })}>
-    <${Curve} height=${110} label=${says} xLabel=${`hours from ${clock(newest, zone)}`} yLabel="" across=${[-24, Math.max(24 * Math.sign(come.length), 0)]} at=${to ? [-24, -12, 0, 12, 24] : [-24, -18, -12, -6, 0]}
+    table=${() => ({
+      columns: [['time'], ...['measured', labels[0], 'to come', 'low', 'high'].map(column => [column, 'number'])],
+      rows: rows(),
+    })}>
+    <${Curve} height=${110} label=${says} xLabel=${`hours from ${clock(newest, zone)}`} yLabel=""
+      across=${[-24, come.length ? 24 : 0]} at=${come.length ? [-24, -12, 0, 12, 24] : [-24, -18, -12, -6, 0]}
       range=${[Math.min(...all), Math.max(...all)]} band=${band}
       lines=${[
         { label: 'measured', colour: 'measured', open: true, points: measured },

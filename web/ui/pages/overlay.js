@@ -1,7 +1,7 @@
 // Two fits over the days that neither was fitted to: measured, before and after, in one chart.
 import { html, useMemo, useState } from '../html.js';
 import { useResource, withQuery } from '../api.js';
-import { fixed, number, seconds, NONE } from '../format.js';
+import { fixed, number, seconds } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Failed, Loading } from '../parts/screens.js';
 import { Strips } from '../charts/strips.js';
@@ -29,7 +29,10 @@ function Both({ data, before, after, name, path, zone }) {
   const { unit, measured, simulated } = data.outputs[name];
   const time = useMemo(() => data.time.map(seconds), [data]);
   const parts = useMemo(
-    () => ['validation', 'test'].flatMap(part => (after.parts[part] ? [{ part, from: seconds(after.parts[part].from), to: seconds(after.parts[part].to) }] : [])),
+    () =>
+      ['validation', 'test']
+        .filter(part => after.parts[part])
+        .map(part => ({ part, from: seconds(after.parts[part].from), to: seconds(after.parts[part].to) })),
     [after],
   );
   const lines = [
@@ -41,13 +44,17 @@ function Both({ data, before, after, name, path, zone }) {
     () => [{ label: name, unit, height: 220, lines: lines.map(([label, colour, dash, line]) => ({ label, colour, dash, width: 1.6, ...line })) }],
     [data, name],
   );
-  const error = fit => data.errors.find(row => row.fit === fit && row.output === name && row.horizon === 'free_run' && row.over === 'unseen');
+  const error = fit =>
+    data.errors.find(row => row.fit === fit && row.output === name && row.horizon === 'free_run' && row.over === 'unseen');
   const [was, is] = [error(before.id), error(after.id)];
   const pair = was && is ? `rmse ${fixed(was.rmse)} → ${fixed(is.rmse)} ${is.unit} over ${after.parts.test ? 'validation and test' : 'validation'}` : 'no sample is unseen by both';
   const says = `Free runs of ${before.model} and of ${after.model} over ${is?.n ?? 0} samples that neither was fitted to: ${pair}.`;
+  const series = lines.flatMap(([label, , , line]) =>
+    Object.entries(line).map(([kind, values]) => [`${label} ${kind === 'values' ? '' : `${kind} `}${unit}`, values]),
+  );
   const table = () => ({
-    columns: [['time'], ...lines.flatMap(([label, , , line]) => Object.keys(line).map(kind => [kind === 'values' ? `${label} ${unit}` : `${label} ${kind} ${unit}`, 'number']))],
-    rows: data.time.map((at, row) => [at, ...lines.flatMap(([, , , line]) => Object.values(line).map(values => (values[row] === null || values[row] === undefined ? NONE : number(values[row], 5))))]),
+    columns: [['time'], ...series.map(([title]) => [title, 'number'])],
+    rows: data.time.map((at, row) => [at, ...series.map(([, values]) => number(values[row], 5))]),
   });
   return html`<${Frame} title=${`Before and after, ${name}: ${pair}`} path=${path} summary=${says} table=${table}
     note=${`${says}${data.thinning ? ' Thinned to the lowest and highest values.' : ''}`}>

@@ -28,7 +28,7 @@ export function Waiting({ system, fit, served, done }) {
           done();
         }),
     });
-  const gets = served ? `The controller then gets its parameters instead of those of revision ${served.revision}.` : 'The controller then gets its parameters; now it gets none.';
+  const gets = `The controller then gets its parameters${served ? ` instead of those of revision ${served.revision}` : '; now it gets none'}.`;
   return html`<section class="waiting" aria-label="A fit waits">
     <div class="row apart">
       <p><${Status} of="suggested" label="A fit waits for your word:" /> <a href=${systemAddress(system, 'parameters', { fit: fit.id })}>${fit.model}
@@ -54,14 +54,16 @@ function Errors({ fit, served }) {
       return html`<p>${output}: the error of the free run over the same ${now.n} ${over === 'unseen' ? 'unseen ' : ''}samples goes from ${
         fixed(old.rmse)} to <b>${fixed(now.rmse)} ${now.unit}</b> (${signed(100 * (now.rmse / old.rmse - 1), 0)} %).</p>`;
     const ahead = metrics.ahead?.PT24H;
-    return html`<p>${output}: on unseen data the free run errs by <b>${fixed(metrics.validation_rmse)} ${metrics.unit}</b>${
-      ahead ? html`, forecasts a day ahead by ${fixed(ahead.rmse)} ${metrics.unit}; holding the last value errs by ${fixed(ahead.persistence)} ${metrics.unit}` : ''
-    }.${served && compared.loading ? ' Comparing it with what is served …' : ''}</p>`;
+    const beside = ahead && `, forecasts a day ahead by ${fixed(ahead.rmse)}; holding the last value errs by ${fixed(ahead.persistence)}`;
+    return html`<p>${output}: on unseen data the free run errs by <b>${fixed(metrics.validation_rmse)} ${metrics.unit}</b>${beside ?? ''}.${served && compared.loading ? ' Comparing it with what is served …' : ''}</p>`;
   });
   return html`${said}`;
 }
 
-/** The parameters that would change most, by their share of the larger of both values. */
+/** How much a parameter changes, over the larger of both values. */
+const shareOf = ({ value, old }) => Math.abs(value - old) / Math.max(Math.abs(value), Math.abs(old));
+
+/** The parameters that would change most. */
 function Changes({ fit, served }) {
   const found = useResource(`/fits/${fit.id}`);
   if (!found.data) return null;
@@ -69,10 +71,10 @@ function Changes({ fit, served }) {
   const changes = Object.entries(found.data.parameters)
     .map(([name, { value, unit }]) => ({ name, unit: unit === '-' ? '' : ` ${unit}`, value, old: served.parameters[name] }))
     .filter(({ value, old }) => old !== undefined && old !== value)
-    .map(change => ({ ...change, share: Math.abs(change.value - change.old) / Math.max(Math.abs(change.value), Math.abs(change.old)) }))
-    .sort((a, b) => b.share - a.share)
+    .sort((a, b) => shareOf(b) - shareOf(a))
     .slice(0, MOST_PARAMETERS);
   if (changes.length === 0) return null;
-  return html`<p>What changes most: ${changes.map(({ name, unit, value, old }, at) =>
-    html`${at > 0 ? '; ' : ''}<code>${name}</code> ${number(old)} → <b>${number(value)}</b>${unit}${old === 0 ? '' : ` (${value > old ? '+' : '−'}${percent(Math.abs(value / old - 1))})`}`)}.</p>`;
+  const by = ({ value, old }) => (old === 0 ? '' : ` (${value > old ? '+' : '−'}${percent(Math.abs(value / old - 1))})`);
+  return html`<p>What changes most: ${changes.map((change, at) =>
+    html`${at > 0 ? '; ' : ''}<code>${change.name}</code> ${number(change.old)} → <b>${number(change.value)}</b>${change.unit}${by(change)}`)}.</p>`;
 }
