@@ -5,6 +5,8 @@ import { ask, holds, test } from './harness.js';
 const HIDES_TWO = 'room/7';
 const HIDES_NOTHING = 'room/8';
 const DOES_NOT_REPEAT = 'room/6';
+/** A real room whose fit the gate holds. */
+const WAITS = 'room/4';
 
 export async function story(chrome, { base }) {
   await test(chrome, 'the_overview_shows_every_system_worst_first', {}, async page => {
@@ -49,6 +51,7 @@ export async function story(chrome, { base }) {
     const { findings, model } = await ask(base, `/diagnoses/${id}`);
     holds(findings.length === 2, `${findings.length} findings`);
     let grown = model;
+    let shorter = model;
     for (const [at, { title, effect }] of findings.entries()) {
       await page.getByRole('button', { name: `Add and refit: ${title}` }).click();
       await page.locator('.equation ins').first().waitFor();
@@ -61,6 +64,16 @@ export async function story(chrome, { base }) {
       holds(fell.includes(`→ ${error} `), `${fell} beside ${error}`);
       holds(fits[0].model.includes(effect) && fits[0].model.split('+').length === at + 2, fits[0].model);
       grown = fits[0].model;
+      // Before and after lie over each other on the days that neither was fitted to, with the errors of the same samples.
+      const [after, before] = (await ask(base, `/fits?system=${HIDES_TWO}&page_size=20`)).items.filter(fit => [grown, shorter].includes(fit.model));
+      const { validation, test: last } = after.parts;
+      const compared = await ask(base, `/compare?fits=${before.id},${after.id}&from=${validation.from}&to=${last.to}&max_points=1`);
+      const unseen = fit => compared.errors.find(row => row.fit === fit.id && row.horizon === 'free_run' && row.over === 'unseen').rmse.toFixed(2);
+      const both = page.getByRole('figure', { name: `rmse ${unseen(before)} → ${unseen(after)} K over validation and test` });
+      await both.locator('.strips canvas').waitFor();
+      await both.getByRole('button', { name: 'Table' }).click();
+      for (const column of ['measured degC', 'before degC', 'after degC']) await both.getByRole('columnheader', { name: column }).waitFor();
+      shorter = grown;
     }
     holds(await page.evaluate(() => window.neverReloaded), 'the page was loaded anew');
     holds((await page.locator('svg.ladder text', { hasText: /^\+ / }).count()) === 2, 'the ladder has another number of steps');
@@ -81,6 +94,25 @@ export async function story(chrome, { base }) {
     const served = page.locator('section.card', { hasText: `Fit of ${grown} for the controller` });
     await served.locator('.status', { hasText: 'succeeded' }).waitFor();
     holds((await ask(base, `/systems/${HIDES_TWO}`)).model === grown, 'the model of the system is another');
+    // What was said of the model before is not said of this one.
+    const verdict = await page.locator('.verdict').innerText();
+    holds(verdict.includes(`looked at with ${model}, before `) && verdict.endsWith('were added.'), verdict);
+    holds((await page.getByText('in the model now').count()) === findings.length, 'a finding is not seen in the model');
+    await page.getByRole('button', { name: `Look again with ${grown}` }).waitFor();
+
+    // A step of the ladder is taken the same way.
+    await page.getByRole('tab', { name: 'Ladder' }).click();
+    const { steps } = await ask(base, `/systems/${HIDES_TWO}/ladder`);
+    await page.getByRole('row').filter({ hasText: 'the model of the system' }).waitFor();
+    await page.getByRole('button', { name: `Use ${steps[1].model} for the controller` }).click();
+    await page.locator('section.card', { hasText: `Fit of ${steps[1].model} for the controller` }).locator('.status', { hasText: 'succeeded' }).waitFor();
+    holds((await ask(base, `/systems/${HIDES_TWO}`)).model === steps[1].model, 'the step is not the model of the system');
+  });
+
+  await test(chrome, 'a_ladder_that_was_never_climbed_is_not_asked_for', { expected: /^$/ }, async page => {
+    await page.goto(`${base}/ui/systems/room/5/ladder`);
+    await page.getByText('No ladder yet').waitFor();
+    await page.waitForLoadState('networkidle', { timeout: 1500 }).catch(() => {});
   });
 
   await test(chrome, 'an_effect_that_does_not_help_on_unseen_data_is_said_as_plainly', {}, async page => {
@@ -123,6 +155,23 @@ export async function story(chrome, { base }) {
     const ladder = await ask(base, '/systems/room/5/ladder');
     holds((await page.locator('svg.ladder text', { hasText: /^(tite|\+ )/ }).count()) === ladder.steps.length, 'a step is missing');
     for (const step of ladder.steps) await page.getByText(step.why, { exact: true }).first().waitFor();
+  });
+
+  await test(chrome, 'a_fit_that_waits_is_decided_on_any_tab', {}, async page => {
+    const waits = async () => (await ask(base, `/fits?system=${WAITS}`)).items.filter(fit => fit.waits_for_operator);
+    const [fit] = await waits();
+    await page.goto(`${base}/ui/systems/${WAITS}/data`);
+    const bar = page.getByRole('region', { name: 'A fit waits' });
+    await bar.getByText('waits for your word').waitFor();
+    await bar.getByText(fit.metrics.T_room.validation_rmse.toFixed(2)).waitFor();
+    await page.locator('option', { hasText: 'waits for your word' }).first().waitFor({ state: 'attached' });
+    await bar.getByRole('button', { name: 'Reject' }).click();
+    await page.getByLabel('Reason, for whoever reads this later').fill('another room’s sensor');
+    await page.getByRole('button', { name: 'Reject', exact: true }).last().click();
+    await bar.waitFor({ state: 'detached' });
+    holds((await waits()).length === 0, 'it still waits');
+    const { decision } = await ask(base, `/fits/${fit.id}`);
+    holds(decision.decision === 'rejected' && decision.reason.startsWith('another room'), JSON.stringify(decision));
   });
 
   await test(chrome, 'a_set_is_pinned_with_a_reason_and_released', {}, async page => {

@@ -119,7 +119,7 @@ export function useJob(id) {
         if (hasEnded(job)) return;
         close = listen(`/jobs/${id}/events`, (kind, data) => {
           setState(before => {
-            if (kind === 'progress') return { ...before, reports: [...before.reports, data] };
+            if (kind === 'progress') return { ...before, reports: [...before.reports, { ...data, at: Date.now() }] };
             if (kind === 'incumbent') return { ...before, incumbent: data.parameters };
             return { ...before, job: data };
           });

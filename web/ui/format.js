@@ -71,6 +71,16 @@ export function length(seconds) {
   return `${Math.round(seconds / 86400)} d`;
 }
 
+/** Seconds that are only expected, no finer than they are known: `30 s`, `2 min`, `25 min`. */
+export function roughly(seconds) {
+  if (seconds === null || seconds === undefined) return NONE;
+  if (seconds < 8) return 'a few seconds';
+  if (seconds < 55) return `${Math.round(seconds / 10) * 10} s`;
+  if (seconds < 570) return `${Math.round(seconds / 60)} min`;
+  if (seconds < 3300) return `${Math.round(seconds / 300) * 5} min`;
+  return `${Math.round(seconds / 3600)} h`;
+}
+
 /** How long ago an instant was, or how long it takes until it is. */
 export function fromNow(instant) {
   if (!instant) return NONE;
@@ -153,8 +163,11 @@ export function plainly(text, { zone = 'UTC', titles = {} } = {}) {
   return said.replaceAll(new RegExp(`(?<![\\w/:+(])(?:${symbols.join('|')})(?:\\[\\w+\\])?(?![\\w:+[])`, 'g'), symbol => named(symbol, titles));
 }
 
+/** What is said of a fit that passed and that nobody has published yet. */
+export const WAITS = 'waits for your word';
+
 /** How a fit is called in a list. */
-export const fitName = fit => `${clock(fit.created_at)} ${fit.model} (${fit.served ? 'served' : (fit.verdict ?? 'not judged')})`;
+export const fitName = fit => `${clock(fit.created_at)} ${fit.model} (${fit.served ? 'served' : fit.waits_for_operator ? WAITS : (fit.verdict ?? 'not judged')})`;
 
 export const seconds = instant => Date.parse(instant) / 1000;
 export const instant = at => new Date(Math.round(at) * 1000).toISOString().replace('.000Z', 'Z');

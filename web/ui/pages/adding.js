@@ -1,11 +1,11 @@
 // Add an effect, watch the refit, see the error fall - or read that it did not. All of it on the page where one is.
 import { html, useState, useEffect } from '../html.js';
-import { ask, useResource, post, put } from '../api.js';
-import { setQuery, here, systemAddress } from '../router.js';
-import { say } from '../say.js';
+import { ask, useResource, post } from '../api.js';
+import { setQuery, here } from '../router.js';
 import { number, fixed, horizon, titleFor } from '../format.js';
 import { Frame } from '../parts/frame.js';
-import { Failed, NotSaved } from '../parts/screens.js';
+import { Failed } from '../parts/screens.js';
+import { useAdoption } from '../parts/adopt.js';
 import { JobWatch } from '../parts/watch.js';
 import { Equations } from '../parts/equations.js';
 import { Status } from '../parts/status.js';
@@ -13,6 +13,7 @@ import { useTitles } from '../parts/names.js';
 import { explained } from '../parts/term.js';
 import { Outputs, outputIn } from '../parts/outputs.js';
 import { LadderChart } from '../charts/ladder.js';
+import { Overlay } from './overlay.js';
 
 /** A fall of less than one per cent is none. */
 const FALL = 0.99;
@@ -43,9 +44,7 @@ function stepOf(fit, before, output) {
 export function Adding({ diagnosis, system, document, effect, steps, taken, grown, reload, changed }) {
   const [change, setChange] = useState(null);
   const [error, setError] = useState(null);
-  const [serving, setServing] = useState(null);
-  /** Why the model was not given to the controller. */
-  const [refused, setRefused] = useState(null);
+  const adoption = useAdoption({ system, document, reload, changed });
   const job = useResource(`/jobs/${diagnosis.job}`);
   const known = [diagnosis.fit, ...steps].filter(Boolean);
   const fits = useResource(known.length ? known.join(',') : null, { read: all });
@@ -58,7 +57,7 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
   const add = async ({ effect: name, title }) => {
     taken();
     setError(null);
-    setServing(null);
+    adoption.forget();
     try {
       const model = await post(`/models/${encodeURIComponent(current)}/effects`, { effect: name });
       const { split, window, objective, prior, bounds, fixed } = job.data.request;
@@ -91,24 +90,8 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
   };
   const undo = () => {
     setChange(null);
-    setServing(null);
+    adoption.forget();
     setQuery({ adding: null, steps: steps.slice(0, -1).join(',') || null });
-  };
-  const serve = async () => {
-    setRefused(null);
-    try {
-      const { system: _, ...body } = { ...document, model: current };
-      changed(await put(`/systems/${system}`, body, { seen: document }));
-      const started = await post('/jobs', { kind: 'estimate', system });
-      setServing(started.id);
-      say(`${current} is now the model of ${system}; it is fitted to the newest data`);
-    } catch (fault) {
-      setRefused(fault);
-    }
-  };
-  const again = () => {
-    setRefused(null);
-    reload();
   };
   if (!error && !effect && !adding && steps.length === 0) return null;
   const ladder = fits.data?.map((fit, at) => stepOf(fit, fits.data[at - 1], output)) ?? [];
@@ -117,15 +100,11 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     ${change && html`<${Equation} change=${change} />`}
     ${adding && html`<${JobWatch} key=${adding} id=${adding} title="Refit with the effect" onEnd=${ended} />`}
     ${ladder.length > 1 && html`<${Outputs} metrics=${metrics} query=${here().query} />`}
-    ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo} serve=${serve} />`}
-    ${refused && html`<${NotSaved} error=${refused} again=${again}><p>Somebody has changed ${system} since this page was opened. Look at its
-      settings, and press the button again if ${current} is still right.</p></${NotSaved}>`}
-    ${
-      serving &&
-      html`<${JobWatch} key=${serving} id=${serving} title=${`Fit of ${current} for the controller`}
-        onEnd=${done => say(`The gate says: ${done.outcome ?? done.state}`)} />
-      <p><a href=${systemAddress(system, 'parameters')}>See what is served, and why</a></p>`
-    }
+    ${ladder.length > 1 && html`<${Outcome} ladder=${ladder} model=${current} undo=${undo}
+      serve=${document.model === current ? null : () => adoption.use(current)} />`}
+    ${adoption.told}
+    ${ladder.length > 1 && html`<${Overlay} before=${fits.data.at(-2)} after=${fits.data.at(-1)} output=${output}
+      zone=${document.location?.zone ?? 'UTC'} />`}
     ${
       ladder.length > 1 &&
       html`<${Frame} title=${`Error ladder, what you added: rmse of the free run, ${ladder[0].unit}`} path=${`/fits/${steps.at(-1)}`}
@@ -164,8 +143,12 @@ function Outcome({ ladder, model, undo, serve }) {
     <dl class="figures">${change('train_rmse', 'train')}${change('validation_rmse', 'validation')}${change('test_rmse', 'test, never used')}
       ${ahead.map(key => html`<div><dt>${explained(`${horizon(key)} ahead`)}</dt><dd>
         ${fixed(before.ahead[key].rmse)} → ${fixed(after.ahead[key].rmse)} ${after.unit}</dd></div>`)}</dl>
-    <p class="row"><button class=${fell ? 'main' : ''} onClick=${serve}>Use ${model} for the controller</button><button
-      class=${fell ? '' : 'main'} onClick=${undo}>Take it out again</button></p>
+    <p class="row">${
+      serve
+        ? html`<button class=${fell ? 'main' : ''} onClick=${serve}>Use ${model} for the controller</button>`
+        : html`<${Status} of="ok" label=${`${model} is the model of the system`} />`
+    }
+      ${serve && html`<button class=${fell ? '' : 'main'} onClick=${undo}>Take it out again</button>`}</p>
   </div>`;
 }
 

@@ -44,7 +44,7 @@ async function everySample(fit, query, [from, to], step) {
   return parts.join('');
 }
 
-const linesOf = line => (line.values ? { values: line.values } : { min: line.min, max: line.max });
+export const linesOf = line => (line.values ? { values: line.values } : { min: line.min, max: line.max });
 
 /** The values of another fit's line at these times, or nothing where most of them are others. */
 function aligned(time, other, line) {
@@ -58,7 +58,7 @@ function aligned(time, other, line) {
  * A line whose sensor samples less often than the others: what lies between two of its samples is no gap and has no value of
  * its own. The lengths of the holes are compared with the shortest one.
  */
-function sampled(line) {
+export function sampled(line) {
   const { values } = line;
   if (!values) return line;
   const known = values.flatMap((value, at) => (value === null ? [] : [at]));

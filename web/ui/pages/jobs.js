@@ -5,7 +5,7 @@ import { address, systemAddress, setQuery } from '../router.js';
 import { useEvents, hasEnded } from '../events.js';
 import { usePaced } from '../pace.js';
 import { say, sayFault } from '../say.js';
-import { clock, fromNow, length, number, NONE } from '../format.js';
+import { clock, fromNow, length, roughly, number, NONE } from '../format.js';
 import { batchName } from '../parts/batches.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
@@ -115,7 +115,7 @@ function rowOf(job, report) {
       html`<br /><progress max=${budget} value=${told?.evaluations ?? 0} aria-label="of the budget">
         </progress>` : ''}${trials?.of ? html`<br />${trials.tried} of ${trials.of} effects tried${
       trials.leader ? html`,<br />${trials.leader} leads` : ''}` : ''}${told?.best_validation ? html`<br />best ${number(told.best_validation)}` : ''}`,
-    hasEnded(job) ? length(job.wall_s) : told?.eta_s ? `${length(told.eta_s)} left` : NONE,
+    hasEnded(job) ? length(job.wall_s) : told?.eta_s ? `about ${roughly(told.eta_s)} left` : NONE,
     html`<span title=${clock(job.ended_at ?? job.created_at)}>${fromNow(job.ended_at ?? job.created_at)}</span>`,
     hasEnded(job)
       ? html`<button class="plain" aria-label=${`Run ${job.id} again`} onClick=${act('retry')}>Again</button>`

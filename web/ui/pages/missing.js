@@ -29,7 +29,9 @@ const SAYS = {
 export function Missing({ system, document, metrics, query, reload, changed }) {
   const diagnoses = useList(`/diagnoses?system=${encodeURIComponent(system)}`);
   const jobs = useList(`/jobs?system=${encodeURIComponent(system)}&kind=diagnose`);
-  const id = query.diagnosis ?? diagnoses.data?.[0]?.id ?? null;
+  // What was seen of the model that the system has now comes before what was seen of older ones.
+  const ofNow = diagnoses.data?.find(diagnosis => diagnosis.model === document.model);
+  const id = query.diagnosis ?? (ofNow ?? diagnoses.data?.[0])?.id ?? null;
   const diagnosis = useResource(id && `/diagnoses/${id}`);
   const running = query.job ?? jobs.data?.find(job => !hasEnded(job))?.id ?? null;
   const search = () => post('/jobs', { kind: 'diagnose', system }).then(job => setQuery({ job: job.id }), sayFault);
@@ -57,11 +59,21 @@ export function Missing({ system, document, metrics, query, reload, changed }) {
       <${Ledger} key=${`ledger of ${diagnosis.data.id}`} system=${system} model=${diagnosis.data.model} />`}`;
 }
 
+/** What has happened to the model since a diagnosis, as the end of a sentence. */
+function changeOf(diagnosis, now) {
+  const [[base, ...before], [present, ...after]] = [diagnosis.model.split('+'), now.split('+')];
+  const added = after.filter(effect => !before.includes(effect));
+  if (base !== present || added.length === 0 || before.some(effect => !after.includes(effect))) return `before the model became ${now}.`;
+  const titled = effect => diagnosis.findings.find(finding => finding.effect === effect)?.title.toLowerCase() ?? effect;
+  return `before ${added.map(titled).join(' and ')} ${added.length > 1 ? 'were' : 'was'} added.`;
+}
+
 export function Diagnosis({ data, system, document, metrics, query, search, reload, changed }) {
   const path = `/diagnoses/${data.id}`;
   const [adding, setAdding] = useState(null);
   const [model, setModel] = useState(data.model);
-  const there = effect => model.split('+').slice(1).includes(effect);
+  const isIn = (effect, grown) => grown.split('+').slice(1).includes(effect);
+  const there = effect => (isIn(effect, document.model) ? 'in the model now' : isIn(effect, model) ? 'added' : null);
   const names = Object.keys(metrics);
   const several = names.length > 1;
   // What older diagnoses do not say is the first one.
@@ -69,14 +81,20 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
   const erring = data.unexplained.output || names[0];
   const weighed = data.rho !== null;
   const steps = query.steps?.split(',').filter(Boolean) ?? [];
+  const isOlder = data.model !== document.model;
   return html`
     <div class="row apart">
-      <p class="verdict"><${Status} of=${data.verdict === 'named' ? 'attention' : data.verdict} label="" /> ${SAYS[data.verdict]}</p>
-      ${search && html`<button onClick=${search}>Look again</button>`}
+      <p class="verdict">${
+        isOlder
+          ? html`<${Status} of="unknown" label="" /> This was looked at with ${data.model}, ${changeOf(data, document.model)}`
+          : html`<${Status} of=${data.verdict === 'named' ? 'attention' : data.verdict} label="" /> ${SAYS[data.verdict]}`
+      }</p>
+      ${search && html`<button class=${isOlder ? 'main' : ''} onClick=${search}>Look again${isOlder ? ` with ${document.model}` : ''}</button>`}
     </div>
+    ${isOlder && html`<p>What the present model, ${document.model}, is missing is not known until somebody looks again. Then it said:</p>`}
     <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span
       class="quiet">Model ${data.model}, ${clock(data.created_at)}. ${
-        weighed ? html`<${Term} of="noise floor">Noise floor</${Term}> ${number(data.noise_floor_rmse)} ${several ? 'times the noise of the sensors' : (first?.[1].unit ?? '')}; the error is <${Term} of="rho">${number(data.rho)} times</${Term}> what noise would leave.` : ''
+        weighed ? html`<${Term} of="noise floor">Noise floor</${Term}> ${number(data.noise_floor_rmse)} ${several ? 'times the noise of the sensors' : unit}; the error is <${Term} of="rho">${number(data.rho)} times</${Term}> what noise would leave.` : ''
       }</span></p>
     ${several && weighed && html`<p class="note">Errors are those of all outputs together, each in the noise of its sensor. What is drawn over time
       is ${erring}${erring === worstOutput(metrics) ? ', which fails most' : `; ${worstOutput(metrics)} fails most`}.</p>`}
@@ -137,7 +155,7 @@ function Finding({ finding, data, path, output, zone, added, add }) {
   return html`<article class="card finding" aria-label=${finding.title}>
     <div class="row apart"><h3>${finding.rank}. ${finding.title} <span class="quiet">${finding.kind === 'refinement' ? html`a <${Term} of="refinement">refinement</${Term}>` : ''}
       </span></h3>
-      ${added ? html`<${Status} of="ok" label="added" />` : add && html`<button class="main" onClick=${add}>Add and refit: ${finding.title}</button>`}</div>
+      ${added ? html`<${Status} of="ok" label=${added} />` : add && html`<button class="main" onClick=${add}>Add and refit: ${finding.title}</button>`}</div>
     <p>${finding.explain} ${before.length > 0 && html`<span class="quiet">Found after ${before.join(' and ')} was in the model.</span>`}</p>
     <div class="grid">
       <div role="img" aria-label=${pairs.map(([title, [from, to]]) => `${title}: from ${number(from)} to ${number(to)}`).join('; ')}>

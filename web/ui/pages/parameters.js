@@ -4,8 +4,8 @@ import { useResource, useList, post, put, remove } from '../api.js';
 import { REPORT } from '../carried.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { number, fixed, clock, words, checkOf, named, operator, plainly, titleFor, NONE } from '../format.js';
-import { Status, Flags, Check } from '../parts/status.js';
+import { number, fixed, clock, words, checkOf, operator, plainly, titleFor, NONE } from '../format.js';
+import { Check, Flags, Status, Verdict } from '../parts/status.js';
 import { Parameter, useParameters, useTitles } from '../parts/names.js';
 import { Term, explained } from '../parts/term.js';
 import { Table } from '../parts/table.js';
@@ -148,7 +148,7 @@ export function Judgement({ fit, ask: asking, done }) {
         }),
     });
   return html`<section>
-    <div class="row apart"><h2>What the <${Term} of="gate">gate</${Term}> says: <${Status} of=${fit.verdict ?? 'unknown'} help /></h2>
+    <div class="row apart"><h2>What the <${Term} of="gate">gate</${Term}> says: <${Verdict} fit=${fit} /></h2>
       ${fit.waits_for_operator && html`<span class="row"><button class="main"
         onClick=${decide('promote', 'Promote to the controller')}>Promote</button><button
           onClick=${decide('reject', 'Reject this fit')}>Reject</button></span>`}</div>

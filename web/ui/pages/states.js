@@ -13,10 +13,10 @@ const COLUMNS = [['state'], ['value', 'number'], ['deviation', 'number'], ['unit
 /** `model` is that of the revision which is served, null where none is. */
 export function States({ system, model, zone }) {
   const path = `/systems/${system}/state`;
-  const state = useResource(path);
+  const state = useResource(model && path);
   const spec = useResource(model && `/models/${encodeURIComponent(model)}`);
   useEvents((kind, data) => kind === 'finished' && data.system === system && state.reload());
-  if (state.error?.type === 'no-state')
+  if (!model || state.error?.type === 'no-state')
     return html`<h2>The states now</h2><${Empty} title="No states yet"><p>Nothing is served whose model could tell them. They come with the first
       fit that is accepted.</p></${Empty}>`;
   return html`<h2>The states now</h2><${Shown} of=${state} what="the states" show=${({ at, states: values, sd, revision, free_run: isFree }) => {

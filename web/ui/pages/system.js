@@ -1,6 +1,6 @@
 // One system: what is served, which fit is looked at, and the tabs.
 import { html, useRef } from '../html.js';
-import { ask, useResource, useList, post } from '../api.js';
+import { ask, useResource, useList, post, AGAIN } from '../api.js';
 import { systemAddress, setQuery, go, address } from '../router.js';
 import { useEvents } from '../events.js';
 import { useKeys } from '../keys.js';
@@ -10,6 +10,8 @@ import { Figures } from '../parts/figures.js';
 import { nextOutput } from '../parts/outputs.js';
 import { Status, Flags } from '../parts/status.js';
 import { Failed, Loading } from '../parts/screens.js';
+import { Waiting, waitingOf } from './waiting.js';
+import { Front } from './front.js';
 import { FitTab } from './fit.js';
 import { Fails } from './fails.js';
 import { Missing } from './missing.js';
@@ -87,15 +89,20 @@ export function SystemPage({ system, tab, query }) {
         }} />`
       : html`<${Loading} what=${system} />`;
   }
+  const row = rows.data?.find(entry => entry.system === system);
+  const waiting = waitingOf(fits.data);
+  const reload = () => [document, served, fits, rows].forEach(resource => resource.reload());
   const Tab = (TABS.find(([name]) => name === tab) ?? TABS[0])[2];
   return html`
-    <${Head} system=${system} document=${document.data} params=${params} row=${rows.data?.find(row => row.system === system)} fits=${usable}
+    <${Head} system=${system} document=${document.data} params=${params} row=${row} fits=${usable}
       chosen=${chosen} query=${query} refit=${refit} />
+    ${waiting && html`<${Waiting} key=${waiting.id} system=${system} fit=${waiting} served=${params} done=${() => dispatchEvent(new Event(AGAIN))} />`}
     <${Tabs} system=${system} tab=${tab} carried=${carried} />
     <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`} data-about=${aboutOf(system, chosen, params)}>
+      ${Tab === FitTab && fit && html`<${Front} system=${system} fit=${params?.fit ?? fit} params=${params} document=${document.data} row=${row}
+        metrics=${usable.find(entry => entry.id === (params?.fit ?? fit))?.metrics ?? {}} waiting=${waiting} query=${query} />`}
       <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit}
-        metrics=${metrics} query=${query}
-        reload=${() => [document, served, fits, rows].forEach(resource => resource.reload())} changed=${changed} />
+        metrics=${metrics} query=${query} reload=${reload} changed=${changed} />
     </div>`;
 }
 

@@ -1,7 +1,7 @@
 // The few numbers of a fit that stand above everything else.
 import { html } from '../html.js';
 import { fixed } from '../format.js';
-import { Status } from './status.js';
+import { Verdict } from './status.js';
 import { explained } from './term.js';
 import { forecasts, outputIn } from './outputs.js';
 
@@ -24,7 +24,7 @@ export function Figures({ fit, query = {} }) {
           )
     }
     <div><dt>model</dt><dd>${fit.model}</dd></div>
-    <div><dt>${explained('verdict')}</dt><dd><${Status} of=${fit.verdict ?? 'unknown'} help /></dd></div>
+    <div><dt>${explained('verdict')}</dt><dd><${Verdict} fit=${fit} /></dd></div>
     ${chosen && html`<div><dt>error of</dt><dd>${chosen}</dd></div>`}
   </dl>`;
 }

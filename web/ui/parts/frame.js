@@ -12,10 +12,10 @@ const SHOWN_ROWS = 300;
 /** The chart that was used last. */
 let last = null;
 
-/** Shows or hides the numbers of the chart that has the focus, that was used last, or that comes first. */
+/** Shows or hides the numbers of the chart that has the focus, that was used last, or that comes first below the front. */
 export function toggleTable() {
   const focused = document.activeElement?.closest('figure.frame');
-  const figure = focused ?? (last?.isConnected ? last : document.querySelector('figure.frame'));
+  const figure = focused ?? (last?.isConnected ? last : document.querySelector('figure.frame:not(.front .frame)'));
   if (!figure) {
     say('There is no chart here');
     return;

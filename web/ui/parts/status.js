@@ -1,6 +1,6 @@
 // A status is a shape, a word and a colour, so that none of them has to be seen.
 import { html } from '../html.js';
-import { words, checkOf, named } from '../format.js';
+import { words, checkOf, named, WAITS } from '../format.js';
 import { useTitles } from './names.js';
 import { Term } from './term.js';
 
@@ -48,6 +48,10 @@ export function Check({ name }) {
   const check = checkOf(name);
   return check.rule ? html`<${Term} of=${check.rule} code=${name}>${check.name}</${Term}>` : check.name;
 }
+
+/** What the gate said of a fit, or that it waits for an operator. */
+export const Verdict = ({ fit }) =>
+  html`<${Status} of=${fit.waits_for_operator ? 'suggested' : (fit.verdict ?? 'unknown')} label=${fit.waits_for_operator ? WAITS : undefined} help />`;
 
 /**
  * The remarks of the gate, such as `at_bound:c_solar`, one mark for each kind, what lies at a bound first. `model` has the

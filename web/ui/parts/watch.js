@@ -1,10 +1,10 @@
 // A job as it goes, pushed by the service: how far it is, how the error falls, where the parameters are.
-import { html, useEffect, useRef } from '../html.js';
+import { html, useEffect, useRef, useState } from '../html.js';
 import { useResource, post } from '../api.js';
 import { address } from '../router.js';
 import { useJob, hasEnded } from '../events.js';
 import { say, sayFault } from '../say.js';
-import { number, length, plainly } from '../format.js';
+import { number, length, plainly, roughly, percent } from '../format.js';
 import { Status } from './status.js';
 import { Parameter, useTitles } from './names.js';
 import { explained } from './term.js';
@@ -31,6 +31,25 @@ function linesOf(job, reports, fit) {
     { label: 'train', colour: 'measured', points: trace },
     ...(validation.length ? [{ label: 'validation', colour: 'model', dash: '6 4', points: validation }] : []),
   ];
+}
+
+/** Who leads the trials of a round, and what it gains. */
+export function leads({ leader, fall, gain }) {
+  if (!leader) return 'none';
+  const on = share => (share < 0.995 ? `${percent(1 - share)} less error on unseen data` : 'no less error on unseen data');
+  return `${leader}: ${Number.isFinite(fall) ? on(fall) : `gains ${number(gain)} in BIC`}`;
+}
+
+/** The time that is left, as of the newest report; it goes on between two of them. */
+function TimeLeft({ report, most }) {
+  const [, setTurn] = useState(0);
+  useEffect(() => {
+    const timer = setInterval(() => setTurn(turn => turn + 1), 1000);
+    return () => clearInterval(timer);
+  }, []);
+  if (report.eta_s === null) return 'not known yet';
+  const left = roughly(Math.max(report.eta_s - (Date.now() - report.at) / 1000, 0));
+  return most || left.startsWith('a ') ? left : `about ${left}`;
 }
 
 export function JobWatch({ id, title, onEnd = () => {} }) {
@@ -70,8 +89,8 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
       <div><dt>${explained('evaluations')}</dt><dd>${evaluations ?? '–'}${budget && !ended ? ` of at most ${budget}` : ''}</dd></div>
       ${last && !ended && !trials && html`<div><dt>${explained('generation')}</dt><dd>${last.generation}</dd></div>`}
       ${trials && html`<div><dt>effects tried</dt><dd>${trials.of ? `${trials.tried} of ${trials.of}${trials.round > 1 ? `, round ${trials.round}` : ''}` : 'none yet'}</dd></div>
-        <div><dt>leads so far</dt><dd>${trials.leader ?? 'none'}</dd></div>`}
-      ${last && !ended && html`<div><dt>time left${trials ? '' : ', at most'}</dt><dd>${length(last.eta_s)}</dd></div>`}
+        <div><dt>leads so far</dt><dd>${leads(trials)}</dd></div>`}
+      ${last && !ended && html`<div><dt>time left${trials ? '' : ', at most'}</dt><dd><${TimeLeft} report=${last} most=${!trials} /></dd></div>`}
       ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>${explained('stopped because')}</dt><dd>
         ${plainly(job.stopped_by ?? job.error?.detail ?? job.state)}</dd></div>`}
       ${last?.best_train != null && html`<div><dt>${explained('best on train')}</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}

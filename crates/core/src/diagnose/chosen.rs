@@ -117,7 +117,7 @@ pub(super) fn search_from_nominal(
     });
     let halt: Halt = &|| course.halts();
     let alone = waiting.iter().filter(|(place, _)| !chosen.iter().any(|one| one.place == *place)).count();
-    course.open(chosen.len() + alone, waiting.len(), chosen.len());
+    course.restarting(chosen.len() + alone, waiting.len(), chosen.len());
     let most = PROMISING * null.fitted.plain_cost;
     let evaluations = AtomicUsize::new(0);
     let mut far: Vec<(usize, Vec<f64>)> = waiting

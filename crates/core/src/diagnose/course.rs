@@ -1,83 +1,94 @@
-//! How far a diagnosis has come: which effects have been tried, who leads, and how much of the work is done.
+//! How far a diagnosis has come: which effects have been tried, who leads, and what is still to be done.
 //!
-//! Work is counted in simulations, which take nearly all of the time. What is still to come is expected from
-//! what the same kind of work has taken so far in this diagnosis.
+//! What is still to be done is counted in stages, from which a caller with a clock says how long it will take.
 
 use super::acceptance::LEAST_BIC;
-use crate::estimate::{Control, Progress, Trials};
+use crate::estimate::{Control, Plan, Progress, Stage, Trials};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What parts of a round take before any of them has been seen, over what it took to bring the null model to
-/// its optima: a restart, a refit after its first part, what follows all refits, and a whole round behind one
-/// that has found something, with its null model.
-const RESTART: f64 = 0.075;
-const REFIT: f64 = 0.25;
-const JUDGING: f64 = 0.8;
-const ROUND: f64 = 1.0;
 /// Free-run error over the noise floor above which the first round probably finds something.
 const PROMISING_RHO: f64 = 1.1;
+/// How probably a round finds something: of which nothing is known, which promises something, and which does not.
+const CHANCE: f64 = 0.5;
+const LIKELY: f64 = 0.9;
+const UNLIKELY: f64 = 0.1;
+/// The share of the effects that is usually refitted in the first round, and in a later one.
+const REFITTED: [f64; 2] = [0.5, 0.15];
+/// Rounds that usually follow a finding, where more than one may follow.
+const ROUNDS_BEHIND: f64 = 1.3;
+/// Restarts of the null model before the gates decide: where nobody was refitted, and most.
+const JUDGED: [f64; 2] = [0.3, 3.0];
 
 /// A diagnosis on its way, in the hands of its caller.
 pub struct Course<'a> {
     control: &'a Control<'a>,
+    /// Most rounds.
+    rounds: usize,
     state: Mutex<State>,
 }
 
 #[derive(Default)]
 struct State {
     trials: Trials,
-    /// What the leader gains in BIC.
-    gain: f64,
     /// Simulations so far.
     spent: usize,
-    /// Those of the first null model.
-    unit: f64,
-    restarts: Part,
-    refits: Part,
-    judged: bool,
-    /// Whether another round is expected while nobody leads.
-    another: bool,
+    /// Refits of this round.
+    refits: f64,
+    /// How probably somebody passes the gates, while nobody leads.
+    chance: f64,
 }
 
-/// Work of one kind in a round.
-#[derive(Default)]
-struct Part {
-    left: usize,
-    done: usize,
-    simulations: usize,
-}
-
-impl Part {
-    /// What is left, if one takes so many simulations until the first has been seen.
-    fn expected(&self, usual: f64) -> f64 {
-        self.left as f64 * (self.simulations as f64 + usual) / (self.done as f64 + 1.0)
-    }
-
-    fn step(&mut self, simulations: usize) {
-        self.left = self.left.saturating_sub(1);
-        self.done += 1;
-        self.simulations += simulations;
-    }
+/// What judging so many takes.
+fn judging(refits: f64) -> f64 {
+    refits.clamp(JUDGED[0], JUDGED[1])
 }
 
 impl State {
-    /// The share of all work that is done; nothing is known before the first round begins.
-    fn share(&self) -> Option<f64> {
-        let judging = if self.judged { 0.0 } else { JUDGING };
-        let another = if self.trials.leader.is_some() { self.gain >= LEAST_BIC } else { self.another };
-        let fixed = judging + if another { ROUND } else { 0.0 };
-        let left = self.restarts.expected(RESTART * self.unit)
-            + self.refits.expected(REFIT * self.unit)
-            + fixed * self.unit;
-        (self.unit > 0.0 && self.trials.round > 0).then(|| self.spent as f64 / (self.spent as f64 + left))
+    /// So many refits are expected in this round, and what follows them.
+    fn expect(&mut self, refits: f64) {
+        self.refits = refits;
+        self.trials.plan.expect(Stage::Begin, refits);
+        self.trials.plan.expect(Stage::Refit, refits);
+        self.trials.plan.expect(Stage::Judge, judging(refits));
+    }
+
+    /// What is left of this round, and what rounds behind it are expected to take.
+    fn plan(&self, rounds: usize) -> Plan {
+        let chance = match self.trials.gain {
+            Some(gain) if gain >= LEAST_BIC => LIKELY,
+            Some(_) => UNLIKELY,
+            None => self.chance,
+        };
+        let behind = match rounds.saturating_sub(self.trials.round.max(1)) {
+            0 => 0.0,
+            1 => 1.0,
+            _ => ROUNDS_BEHIND,
+        };
+        let chance = if self.trials.plan.stage() == Stage::Name { 1.0 } else { chance };
+        let named = if self.trials.plan.stage() == Stage::Name { 0.0 } else { chance };
+        let refits = REFITTED[1] * self.trials.of as f64;
+        let rounds = chance * behind;
+        self.trials.plan.and(&[
+            (Stage::Name, named + chance * (behind - behind.min(1.0))),
+            (Stage::Screen, rounds),
+            (Stage::Begin, rounds * refits),
+            (Stage::Refit, rounds * refits),
+            (Stage::Judge, rounds * judging(refits)),
+        ])
     }
 }
 
 impl<'a> Course<'a> {
-    /// A diagnosis that begins.
-    pub fn new(control: &'a Control<'a>) -> Self {
-        let course = Self { control, state: Mutex::default() };
-        course.tell(|_| ());
+    /// A diagnosis that begins with so many effects, of so many rounds at most.
+    pub fn new(control: &'a Control<'a>, effects: usize, rounds: usize) -> Self {
+        let course = Self { control, rounds, state: Mutex::default() };
+        course.tell(|state| {
+            (state.trials.of, state.chance) = (effects, CHANCE);
+            state.trials.plan.expect(Stage::Fit, 1.0);
+            state.trials.plan.enter(Stage::Settle, 1.0);
+            state.expect(REFITTED[0] * effects as f64);
+            state.trials.plan.expect(Stage::Screen, 1.0);
+        });
         course
     }
 
@@ -86,57 +97,85 @@ impl<'a> Course<'a> {
         self.control.halts()
     }
 
-    /// A null model has come to its optima.
+    /// A null model has come to its optima, or another one that was found has.
     pub(super) fn settled(&self, simulations: usize) {
-        self.tell(|state| {
-            state.spent += simulations;
-            state.unit = if state.unit > 0.0 { state.unit } else { simulations as f64 };
-        });
+        self.tell(|state| state.spent += simulations);
     }
 
     /// A round begins with so many effects, at a null model whose free run errs this much over the floor.
     pub(super) fn round(&self, effects: usize, rho: f64) {
         self.tell(|state| {
-            let round = state.trials.round + 1;
-            state.trials = Trials { round, of: effects, ..Trials::default() };
-            (state.restarts, state.refits, state.judged) =
-                (Part::default(), Part { left: effects / 2, ..Part::default() }, false);
-            (state.gain, state.another) = (0.0, round == 1 && rho >= PROMISING_RHO);
+            let Trials { round, plan, .. } = std::mem::take(&mut state.trials);
+            state.trials = Trials { round: round + 1, of: effects, plan, ..Trials::default() };
+            state.chance = if round == 0 && rho >= PROMISING_RHO { LIKELY } else { UNLIKELY };
+            state.trials.plan.enter(Stage::Screen, 1.0);
+            state.expect(REFITTED[usize::from(round > 0)] * effects as f64);
         });
     }
 
     /// Of the effects so many are still `open`: some are searched from the nominal values, and at least so
     /// many refits follow.
-    pub(super) fn open(&self, open: usize, restarts: usize, refits: usize) {
+    pub(super) fn restarting(&self, open: usize, restarts: usize, refits: usize) {
+        self.enter(Stage::Restart, restarts, open, refits);
+    }
+
+    /// So many effects are `open`, and go the first part of their way.
+    pub(super) fn beginning(&self, open: usize) {
+        self.enter(Stage::Begin, open, open, open);
+    }
+
+    /// They go the rest of it.
+    pub(super) fn going_on(&self, open: usize) {
+        self.enter(Stage::Refit, open, open, open);
+    }
+
+    fn enter(&self, stage: Stage, units: usize, open: usize, refits: usize) {
         self.tell(|state| {
             state.trials.tried = state.trials.of.saturating_sub(open);
-            (state.restarts.left, state.refits.left) = (restarts, refits);
+            state.expect(refits as f64);
+            if stage == Stage::Refit {
+                state.trials.plan.expect(Stage::Begin, 0.0);
+            }
+            state.trials.plan.enter(stage, units as f64);
         });
     }
 
     /// An effect has gone the first part of its way.
     pub(super) fn begun(&self, simulations: usize) {
-        self.tell(|state| state.spent += simulations);
+        self.step(simulations);
     }
 
     /// A restart has come to its end.
     pub(super) fn restarted(&self, simulations: usize) {
+        self.step(simulations);
+    }
+
+    fn step(&self, simulations: usize) {
         self.tell(|state| {
             state.spent += simulations;
-            state.restarts.step(simulations);
+            state.trials.plan.step();
         });
     }
 
     /// An effect has been tried, with so many simulations after the first part of its way, and gains so much
-    /// in BIC.
-    pub(super) fn tried(&self, effect: &str, gain: f64, simulations: usize) {
+    /// in BIC; `fall` is its error on unseen data over that of the null model.
+    pub(super) fn tried(&self, effect: &str, gain: f64, fall: Option<f64>, simulations: usize) {
         self.tell(|state| {
             state.spent += simulations;
-            state.refits.step(simulations);
-            state.trials.tried = (state.trials.tried + 1).min(state.trials.of);
-            if gain > state.gain {
-                (state.gain, state.trials.leader) = (gain, Some(effect.to_owned()));
+            let trials = &mut state.trials;
+            trials.plan.step();
+            trials.tried = (trials.tried + 1).min(trials.of);
+            if gain > trials.gain.unwrap_or(0.0) {
+                (trials.gain, trials.fall, trials.leader) = (Some(gain), fall, Some(effect.to_owned()));
             }
+        });
+    }
+
+    /// The null model goes on from where the best have come to, and the gates decide.
+    pub(super) fn judging(&self) {
+        self.tell(|state| {
+            let judged = judging(state.refits);
+            state.trials.plan.enter(Stage::Judge, judged);
         });
     }
 
@@ -144,15 +183,22 @@ impl<'a> Course<'a> {
     pub(super) fn judged(&self, simulations: usize, found: bool) {
         self.tell(|state| {
             state.spent += simulations;
-            (state.judged, state.another) = (true, found);
-            state.trials.leader = state.trials.leader.take().filter(|_| found);
+            state.chance = f64::from(u8::from(found));
+            if !found {
+                (state.trials.leader, state.trials.gain, state.trials.fall) = (None, None, None);
+            }
         });
+    }
+
+    /// What was found is taken in and described.
+    pub(super) fn naming(&self) {
+        self.tell(|state| state.trials.plan.enter(Stage::Name, 1.0));
     }
 
     fn tell(&self, change: impl FnOnce(&mut State)) {
         let mut state = held(&self.state);
         change(&mut state);
-        let trials = Trials { share: state.share(), ..state.trials.clone() };
+        let trials = Trials { plan: state.plan(self.rounds), ..state.trials.clone() };
         // Under the lock, so that nobody hears of less after more.
         (self.control.progress)(&Progress {
             evaluations: state.spent,
@@ -170,36 +216,49 @@ fn held(state: &Mutex<State>) -> MutexGuard<'_, State> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimate::Pace;
 
     #[test]
-    fn what_is_left_is_expected_from_what_was_seen() {
+    fn what_is_left_shrinks_with_what_is_tried_and_grows_with_a_leader() {
         let told: Mutex<Vec<Trials>> = Mutex::default();
         let note = |progress: &Progress| told.lock().unwrap().extend(progress.trials.clone());
         let control = Control { progress: &note, ..Control::NONE };
-        let course = Course::new(&control);
+        let course = Course::new(&control, 4, 3);
         course.settled(100);
         course.round(4, 1.0);
-        course.open(3, 0, 3);
-        course.tried("wind", -4.0, 100);
-        course.tried("sun", 30.0, 100);
-        course.tried("door", 12.0, 100);
+        course.beginning(3);
+        (0..3).for_each(|_| course.begun(20));
+        course.going_on(3);
+        course.tried("wind", -4.0, None, 100);
+        course.tried("sun", 30.0, Some(0.8), 100);
+        course.tried("door", 12.0, Some(0.9), 100);
+        course.judging();
         course.judged(100, true);
+        course.naming();
         course.settled(100);
         course.round(3, 1.0);
-        course.open(0, 0, 0);
+        course.beginning(0);
+        course.going_on(0);
+        course.judging();
         course.judged(0, false);
-        let mut told = told.into_inner().unwrap();
-        assert_eq!(told.remove(0), Trials::default());
-        let shares: Vec<f64> = told.iter().filter_map(|trials| trials.share).collect();
-        assert_eq!(told[0].share, None, "settled, and no round yet");
-        // Two refits and the judging to come.
-        assert!((shares[0] - 100.0 / (100.0 + 50.0 + 80.0)).abs() < 1e-9, "{shares:?}");
-        // One refit of a hundred and the usual 25 make 62.5 for each of the two left.
-        assert!((shares[2] - 200.0 / (200.0 + 125.0 + 80.0)).abs() < 1e-9, "{shares:?}");
-        // Who leads clearly promises another round.
-        assert!((shares[3] - 300.0 / (300.0 + 225.0 / 3.0 + 80.0 + 100.0)).abs() < 1e-9, "{shares:?}");
-        assert_eq!((told[4].tried, told[4].of, told[4].leader.as_deref()), (3, 4, Some("sun")));
-        assert_eq!((told[5].tried, told[5].leader.as_deref()), (4, Some("sun")));
-        assert_eq!(told.last().map(|trials| (trials.round, trials.share)), Some((2, Some(1.0))));
+        let told = told.into_inner().unwrap();
+        // A clock that goes on by a second with every event.
+        let mut pace = Pace::default();
+        let left: Vec<f64> = (1..)
+            .zip(&told)
+            .map(|(second, trials)| {
+                pace.note(f64::from(second), &trials.plan);
+                pace.left(f64::from(second)).unwrap()
+            })
+            .collect();
+        let at = |tried: usize| told.iter().rposition(|one| one.round == 1 && one.tried == tried).unwrap();
+        let sun = told.iter().position(|one| one.leader.as_deref() == Some("sun")).unwrap();
+        assert!(left[sun] > left[sun - 1], "who leads clearly promises another round: {left:?}");
+        assert_eq!((told[sun].gain, told[sun].fall, told[sun].tried), (Some(30.0), Some(0.8), 3));
+        let last = &told[at(4)];
+        assert_eq!((last.of, last.leader.as_deref(), last.gain), (4, Some("sun"), Some(30.0)));
+        let end = told.last().unwrap();
+        assert_eq!((end.round, end.leader.as_deref(), end.gain), (2, None, None));
+        assert!(left.last().unwrap() < &left[sun], "{left:?}");
     }
 }

@@ -73,9 +73,9 @@ pub fn diagnose(
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let nothing = || DiagnoseError::nothing(control);
-    let course = Course::new(control);
-    let halt = || course.halts();
     let (mut library, not_testable) = source.candidates(problem);
+    let course = Course::new(control, library.len(), ROUNDS);
+    let halt = || course.halts();
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);
     report.not_testable = not_testable;
@@ -109,6 +109,7 @@ pub fn diagnose(
             interrupted(control)?;
         }
         let Some(winner) = outcome.winner.map(|place| &outcome.tried[place]) else { break };
+        course.naming();
         let candidate = &library[winner.refitted.candidate];
         let next = NullModel::settle(
             candidate.problem.clone(),

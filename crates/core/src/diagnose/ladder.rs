@@ -78,11 +78,11 @@ pub fn ladder(
     control: &Control,
 ) -> Result<Ladder, DiagnoseError> {
     let nothing = || DiagnoseError::nothing(control);
-    let course = Course::new(control);
-    let halt = || course.halts();
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (mut library, _) = source.candidates(problem);
+    let course = Course::new(control, library.len(), max_steps);
+    let halt = || course.halts();
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);
     let noise = filter(problem, &null.fitted.plain, None).process_noise;
@@ -115,6 +115,7 @@ pub fn ladder(
         else {
             break;
         };
+        course.naming();
         let candidate = &library[best.refitted.candidate];
         let next = NullModel::settle(
             candidate.problem.clone(),

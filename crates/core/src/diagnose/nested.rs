@@ -1,6 +1,7 @@
 //! The ladder by likelihood: effects are added one after another while a likelihood-ratio test speaks for
 //! them, as Bacher and Madsen (Energy and Buildings 43, 2011) select a model.
 
+use super::course::Course;
 use super::error::{DiagnoseError, interrupted};
 use super::ladder::{Ladder, Step};
 use super::library::{CandidateEffect, EffectSource, align};
@@ -37,12 +38,14 @@ pub fn ladder_by_likelihood(
     }
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
+    let course = Course::new(control, 0, max_steps);
     let mut base = problem.clone();
     let mut optimum: Option<MlEstimate> = None;
     let mut steps: Vec<Step> = Vec::new();
     for _ in 0..max_steps {
         let (mut library, _) = source.candidates(&base);
         base = align(&base, &mut library);
+        course.round(library.len(), f64::INFINITY);
         // The samples may have changed, so the smaller model is fitted to them again.
         let (from, noise) = optimum
             .as_ref()
@@ -51,6 +54,7 @@ pub fn ladder_by_likelihood(
         if steps.is_empty() {
             steps.push(step(&base, &here, None, None));
         }
+        course.going_on(library.len());
         let rivals: Vec<Option<(MlEstimate, LikelihoodRatio)>> = library
             .par_iter()
             .map(|candidate| {
@@ -67,6 +71,8 @@ pub fn ladder_by_likelihood(
                     library.len(),
                     [&base.model().id().to_string(), &candidate.problem.model().id().to_string()],
                 )?;
+                let price = test.degrees_of_freedom as f64 * (there.innovations as f64).ln();
+                course.tried(&candidate.id, test.statistic - price, None, 0);
                 Some((there, test))
             })
             .collect();

@@ -129,6 +129,7 @@ pub fn round(
     let refitted = go_on_all(null, candidates, &chosen, begun, course);
     let judge = |null: &mut NullModel, refitted: Vec<Refitted>| {
         let before = null.fitted.evaluations;
+        course.judging();
         let judged = judge(null, candidates, &heard, strict, refitted, faint, halt);
         course.judged(null.fitted.evaluations - before, judged.winner.is_some());
         judged
@@ -257,7 +258,7 @@ fn begin_all(
     known: &[(usize, Optima)],
     course: &Course,
 ) -> Vec<Optima> {
-    course.open(chosen.len(), 0, chosen.len());
+    course.beginning(chosen.len());
     let one = |one: &Chosen| match known.iter().find(|(place, _)| *place == one.place && one.far.is_none()) {
         Some((_, begun)) => begun.clone(),
         None => {
@@ -283,12 +284,14 @@ fn go_on_all(
     course: &Course,
 ) -> Vec<Refitted> {
     let clear = leads_clearly(null, &begun);
+    course.going_on(chosen.len());
     let one = |(one, begun): (&Chosen, Optima)| {
         let candidate = &candidates[one.place];
         let goes_on = null.is_promising(&begun) || (Effort::of(&candidate.problem).patient && !clear);
         let before = begun.evaluations;
         let refitted = refit(null, candidate, one, begun, goes_on, &|| course.halts())?;
-        course.tried(&candidate.id, refitted.delta_bic(null), refitted.fitted.evaluations - before);
+        let spent = refitted.fitted.evaluations - before;
+        course.tried(&candidate.id, refitted.delta_bic(null), refitted.gain(null, None).fall, spent);
         Some(refitted)
     };
     let found: Vec<Option<Refitted>> = chosen.par_iter().zip(begun).map(one).collect();

@@ -53,5 +53,6 @@ pub use problem::request::{EstimateRequest, Site, prepare};
 pub use problem::stop::EarlyStopping;
 pub use run::estimate;
 pub use search::control::{Control, EstimateError, Progress, Trials};
+pub use search::pace::{Pace, Plan, Stage};
 
 pub use crate::interrupt::Interrupt;

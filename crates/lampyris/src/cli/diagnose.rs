@@ -11,11 +11,13 @@ use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::{AccusationRate, SeededMethod};
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, Judgement, Past, Problem, Progress, Site, estimate, prepare,
+    Control, EstimateRequest, Fit, Judgement, Pace, Past, Problem, Progress, Site, Trials, estimate, prepare,
 };
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
 use lampyris_core::units::error_unit;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -75,22 +77,30 @@ pub fn first_fit(measured: &MeasuredArguments, seed: u64, quiet: bool) -> Result
     Ok(First { catalogue, window, site, problem: fit.simulated(&problem), fit, judgement })
 }
 
-/// Does some work under a bar of its trials.
-pub fn with_trials_bar<T>(hidden: bool, work: impl FnOnce(&Control) -> T) -> T {
+/// Does some work under a bar of its trials; the fit before it began at an instant.
+pub fn with_trials_bar<T>(hidden: bool, began: Instant, work: impl FnOnce(&Control) -> T) -> T {
     let bar = if hidden { ProgressBar::hidden() } else { ProgressBar::new(100) };
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos} %  {msg}") {
         bar.set_style(style);
     }
-    let progress = |progress: &Progress| tell_trials(&bar, progress);
+    let pace = Mutex::<Pace>::default();
+    let progress = |progress: &Progress| {
+        let Some(trials) = &progress.trials else { return };
+        let now = began.elapsed().as_secs_f64();
+        let mut pace = pace.lock().unwrap_or_else(PoisonError::into_inner);
+        pace.note(now, &trials.plan);
+        tell_trials(&bar, trials, pace.share(now));
+        eprintln!("STAGE {now:.3} {:?} left {:?} of {:?}", trials.plan, pace.left(now), (trials.round,trials.tried,trials.of,&trials.leader,trials.gain,trials.fall));
+    };
     let done = work(&Control { progress: &progress, ..Control::NONE });
+    eprintln!("END {:.3}", began.elapsed().as_secs_f64());
     bar.finish_and_clear();
     done
 }
 
 /// Shows on it how far the trials have come.
-fn tell_trials(bar: &ProgressBar, progress: &Progress) {
-    let Some(trials) = &progress.trials else { return };
-    bar.set_position((100.0 * trials.share.unwrap_or(0.0)) as u64);
+fn tell_trials(bar: &ProgressBar, trials: &Trials, share: Option<f64>) {
+    bar.set_position((100.0 * share.unwrap_or(0.0)) as u64);
     let leader = trials.leader.as_ref().map_or_else(String::new, |leader| format!(", {leader} leads"));
     bar.set_message(match trials.round {
         0 => "the model without effects comes first".to_owned(),
@@ -99,13 +109,14 @@ fn tell_trials(bar: &ProgressBar, progress: &Progress) {
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let began = Instant::now();
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
     let First { catalogue, problem, fit, window, site, .. } = &first;
     let rate = arguments.accusation_rate;
     let work =
         |control: &Control| diagnose(catalogue, problem, &fit.theta(), window, site, rate, &[], control);
     let diagnosis =
-        with_trials_bar(arguments.json, work).map_err(|error| Failure::Error(error.to_string()))?;
+        with_trials_bar(arguments.json, began, work).map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&diagnosis).map_err(|error| Failure::Error(error.to_string()))?);
     } else {

@@ -9,6 +9,7 @@ use lampyris_core::diagnose::ladder::{Ladder, ladder};
 use lampyris_core::diagnose::nested::ladder_by_likelihood;
 use lampyris_core::estimate::Control;
 use lampyris_core::estimate::problem::request::Criterion;
+use std::time::Instant;
 
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -30,6 +31,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let began = Instant::now();
     let first = first_fit(&arguments.measured, arguments.seed, arguments.json)?;
     let by = match arguments.criterion {
         Criterion::HeldOut => ladder,
@@ -38,7 +40,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let First { catalogue, problem, fit, window, site, .. } = &first;
     let work =
         |control: &Control| by(catalogue, problem, &fit.theta(), window, site, arguments.max_steps, control);
-    let found = with_trials_bar(arguments.json, work).map_err(|error| Failure::Error(error.to_string()))?;
+    let found =
+        with_trials_bar(arguments.json, began, work).map_err(|error| Failure::Error(error.to_string()))?;
     if arguments.json {
         print(&serde_json::to_string(&found).map_err(|error| Failure::Error(error.to_string()))?);
     } else {

@@ -86,6 +86,8 @@ struct FitRow {
     summary: String,
     /// Whether its parameters are served now.
     served: bool,
+    /// Whether it passed and waits for an operator: `POST /fits/{id}/promote` or `reject`.
+    waits_for_operator: bool,
     /// Errors by output channel.
     #[schema(value_type = HashMap<String, OutputMetrics>)]
     metrics: Value,
@@ -136,6 +138,7 @@ async fn list_fits(
         verdict: entry.verdict,
         summary: entry.summary,
         served: entry.served,
+        waits_for_operator: entry.waits,
         metrics: entry.metrics,
         parts: entry.parts,
         created_at: entry.created_at,

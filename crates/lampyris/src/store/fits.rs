@@ -61,6 +61,8 @@ pub struct FitEntry {
     pub parts: serde_json::Value,
     /// Whether its parameters are served now.
     pub served: bool,
+    /// Whether it waits for an operator's word.
+    pub waits: bool,
     /// When.
     pub created_at: Timestamp,
 }
@@ -190,6 +192,7 @@ row! {
         summary: String,
         document: Vec<u8>,
         served: bool,
+        waits: bool,
         created_at: i64,
     }
 }
@@ -209,6 +212,7 @@ impl EntryRow {
             verdict: self.verdict,
             summary: self.summary,
             served: self.served,
+            waits: self.waits,
         })
     }
 }
@@ -228,7 +232,9 @@ pub async fn page(
         ($whose:literal) => {
             concat!(
                 "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at, \
-                f.document, EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served FROM fits f WHERE ",
+                f.document, EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served, \
+                EXISTS (SELECT 1 FROM offers o WHERE o.fit = f.id) AND NOT EXISTS (SELECT 1 FROM decisions d \
+                WHERE d.fit = f.id) AS waits FROM fits f WHERE ",
                 $whose,
                 " AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, f.system))) \
                 AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3"

@@ -1,6 +1,7 @@
 //! The caller's hands on a running search: how far it has come, whether it is to end, and why there is no
 //! fit.
 
+use super::pace::Plan;
 use crate::interrupt::Interrupt;
 use indexmap::IndexMap;
 use serde::Serialize;
@@ -55,8 +56,15 @@ pub struct Trials {
     pub of: usize,
     /// The effect that gains most in this round so far.
     pub leader: Option<String>,
-    /// The share of the expected work of all rounds that is done.
+    /// What it gains in BIC.
+    pub gain: Option<f64>,
+    /// The error of the free run on unseen data with it, over that of the model without.
+    pub fall: Option<f64>,
+    /// The share of the time that has passed, as far as anything was measured; whoever has a clock says it.
     pub share: Option<f64>,
+    /// What is done and what is left, for whoever has a clock.
+    #[serde(skip)]
+    pub plan: Plan,
 }
 
 /// Why there is no fit.

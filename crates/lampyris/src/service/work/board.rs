@@ -6,7 +6,7 @@ use super::progress::ProgressReport;
 use crate::service::changes::events::JobChange;
 use crate::store::jobs::{JobKind, JobRecord, Lease};
 use indexmap::IndexMap;
-use lampyris_core::estimate::Progress;
+use lampyris_core::estimate::{Pace, Progress, Trials};
 use serde_json::Value;
 use std::collections::HashMap;
 use std::pin::pin;
@@ -16,7 +16,10 @@ use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
 /// The shortest pause between two events of one search: a watcher is told at most four times a second.
-const PACE: Duration = Duration::from_millis(250);
+const PAUSE: Duration = Duration::from_millis(250);
+
+/// After so long without news a watcher is told anyway, because the time that is left has changed.
+const SILENCE: Duration = Duration::from_secs(5);
 
 /// The longest that the news of an end is held back.
 const LONGEST_SETTLING: Duration = Duration::from_secs(1);
@@ -48,8 +51,8 @@ struct Running {
     earlier: usize,
     /// The newest news of the present search.
     progress: Option<Progress>,
-    /// When its diagnosis began.
-    trials_since: Option<Instant>,
+    /// What the stages of its diagnosis have taken so far.
+    pace: Pace,
     /// When watchers were last told something.
     told_at: Instant,
     /// The best parameters that watchers know.
@@ -129,7 +132,7 @@ impl Live {
                 .filter(|_| job.kind == JobKind::Estimate),
             earlier: 0,
             progress: None,
-            trials_since: None,
+            pace: Pace::default(),
             told_at: now,
             told: None,
             told_incumbent_last: true,
@@ -147,15 +150,24 @@ impl Live {
         if let Some(last) = running.progress.as_ref().filter(begins) {
             running.earlier += last.evaluations;
         }
-        if news.trials.is_some() {
-            running.trials_since.get_or_insert_with(Instant::now);
+        if let Some(trials) = &news.trials {
+            running.pace.note(running.since.elapsed().as_secs_f64(), &trials.plan);
         }
         running.progress = Some(news.clone());
-        if running.told_at.elapsed() < PACE {
+        if running.told_at.elapsed() < PAUSE {
             return None;
         }
         running.told_at = Instant::now();
         running.news()
+    }
+
+    /// What watchers are to be told of a job of whose trials they have heard nothing for long.
+    pub fn silence(&self) -> Option<JobChange> {
+        let mut running = held(&self.running);
+        let running = running.as_mut().filter(|running| running.told_at.elapsed() >= SILENCE)?;
+        running.progress.as_ref()?.trials.as_ref()?;
+        running.told_at = Instant::now();
+        running.report().map(JobChange::Progress)
     }
 
     /// Tells the job to stop.
@@ -174,20 +186,18 @@ impl Running {
         let progress = self.progress.as_ref()?;
         let evaluations = self.earlier + progress.evaluations;
         let left = self.budget.map(|budget| budget.saturating_sub(evaluations as u64));
-        let pace = self.since.elapsed().as_secs_f64() / (evaluations.max(1) as f64);
-        let trials = progress.trials.as_ref();
-        let share = trials.and_then(|trials| trials.share).filter(|share| *share > 0.0);
-        let of_trials = share
-            .zip(self.trials_since)
-            .map(|(share, since)| since.elapsed().as_secs_f64() * (1.0 - share) / share);
-        let eta = of_trials.or(left.map(|left| left as f64 * pace));
+        let now = self.since.elapsed().as_secs_f64();
+        let of_budget = left.map(|left| left as f64 * now / (evaluations.max(1) as f64));
+        let trials = progress.trials.clone();
+        let eta = if trials.is_some() { self.pace.left(now) } else { of_budget };
+        let with_share = |trials| Trials { share: self.pace.share(now), ..trials };
         Some(ProgressReport {
             generation: progress.generation,
             evaluations,
             best_train: progress.best_train.filter(|value| value.is_finite()),
             best_validation: progress.best_validation.filter(|value| value.is_finite()),
-            eta_s: eta.map(|eta| (eta * 10.0).round() / 10.0),
-            trials: trials.cloned(),
+            eta_s: eta.map(f64::round),
+            trials: trials.map(with_share),
         })
     }
 
@@ -208,7 +218,7 @@ impl Running {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lampyris_core::estimate::Trials;
+    use lampyris_core::estimate::{Plan, Stage};
 
     fn running(told_before: Duration) -> Live {
         let lease = Lease { job: "job_1".into(), boot: 1, attempt: 1 };
@@ -219,7 +229,7 @@ mod tests {
             budget: Some(1000),
             earlier: 0,
             progress: None,
-            trials_since: None,
+            pace: Pace::default(),
             told_at,
             told: None,
             told_incumbent_last: true,
@@ -230,7 +240,7 @@ mod tests {
     fn later(live: &Live) {
         let mut running = held(&live.running);
         let running = running.as_mut().unwrap();
-        running.told_at = running.told_at.checked_sub(PACE).unwrap();
+        running.told_at = running.told_at.checked_sub(PAUSE).unwrap();
     }
 
     fn news(evaluations: usize, incumbent: &Arc<IndexMap<String, f64>>) -> Progress {
@@ -245,7 +255,7 @@ mod tests {
     #[test]
     fn watchers_are_told_once_per_pause_and_of_each_improvement_once() {
         let best = Arc::new(IndexMap::from([("a".to_owned(), 1.0)]));
-        let live = running(PACE);
+        let live = running(PAUSE);
         assert!(matches!(live.report(&news(10, &best)), Some(JobChange::Progress(_))));
         assert_eq!(live.report(&news(20, &best)), None, "the pause has not passed");
         later(&live);
@@ -270,17 +280,19 @@ mod tests {
         let report = || held(&live.running).as_ref().unwrap().report().unwrap();
         live.report(&news(100, &best));
         assert_eq!((report().eta_s, report().trials), (None, None), "nobody knows yet");
-        let trials = |share| {
-            Some(Trials { round: 1, tried: 3, of: 12, leader: Some("wind_infiltration".to_owned()), share })
-        };
-        live.report(&Progress { evaluations: 120, trials: trials(None), ..Progress::default() });
-        assert_eq!((report().eta_s, report().evaluations), (None, 220));
         let began = Instant::now().checked_sub(Duration::from_secs(30)).unwrap();
-        held(&live.running).as_mut().unwrap().trials_since = Some(began);
-        live.report(&Progress { evaluations: 400, trials: trials(Some(0.75)), ..Progress::default() });
-        let eta = report().eta_s.unwrap();
-        assert!((9.9..10.5).contains(&eta), "a quarter of the work is left after 30 s: {eta}");
-        assert_eq!((report().evaluations, report().trials.map(|trials| trials.tried)), (500, Some(3)));
+        held(&live.running).as_mut().unwrap().since = began;
+        let mut plan = Plan::default();
+        plan.expect(Stage::Fit, 1.0);
+        plan.enter(Stage::Settle, 1.0);
+        let trials = Trials { round: 1, tried: 3, of: 12, plan, ..Trials::default() };
+        live.report(&Progress { evaluations: 400, trials: Some(trials), ..Progress::default() });
+        let report = report();
+        let eta = report.eta_s.unwrap();
+        assert!((29.0..31.0).contains(&eta), "settling usually takes as long as the fit, which took 30 s: {eta}");
+        let share = report.trials.as_ref().and_then(|trials| trials.share).unwrap();
+        assert!((0.45..0.55).contains(&share), "{share}");
+        assert_eq!((report.evaluations, report.trials.map(|trials| trials.tried)), (500, Some(3)));
     }
 
     #[test]

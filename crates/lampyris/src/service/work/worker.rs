@@ -31,6 +31,8 @@ use tokio::sync::oneshot;
 const SLOW_POLL: Duration = Duration::from_secs(5);
 /// Pause after the database has failed.
 const AFTER_FAILURE: Duration = Duration::from_secs(1);
+/// How often it is asked whether watchers of a job have heard nothing for long.
+const LISTENING: Duration = Duration::from_secs(1);
 /// How often a result is offered to a database that is full, before the job fails for want of room.
 const TRIES: u32 = 5;
 /// What is left behind a search for judging what it found: a quarter of the job's time, and at least this.
@@ -192,18 +194,21 @@ async fn compute(
 ) -> (End, Option<Deaf>) {
     let times = Times::of(&input, Duration::from_secs(service.settings.limits.job_seconds));
     let (sender, mut receiver) = oneshot::channel();
-    let (shared, place, job) = (service.clone(), live.clone(), job.clone());
+    let (shared, place, named, job) = (service.clone(), live.clone(), job, job.clone());
     pool.spawn(move || {
         let result = catch_unwind(AssertUnwindSafe(|| guarded(&shared, &place, &job, &input, times)));
         // Nobody listens any more when the service has stopped; then the job was given back already.
         let _ = sender.send(result);
     });
-    let ending = tokio::select! {
-        ending = &mut receiver => ending,
-        () = tokio::time::sleep_until(times.given_up.into()) => {
-            // It may hear this one day, and tells nobody how far it has come until then.
-            live.call_off();
-            return (End::Failed(given_up()), Some(receiver));
+    let ending = loop {
+        tokio::select! {
+            ending = &mut receiver => break ending,
+            () = tokio::time::sleep_until(times.given_up.into()) => {
+                // It may hear this one day, and tells nobody how far it has come until then.
+                live.call_off();
+                return (End::Failed(given_up()), Some(receiver));
+            }
+            () = tokio::time::sleep(LISTENING) => tell(service, live, &named, live.silence()),
         }
     };
     let end = match ending {
@@ -246,9 +251,7 @@ fn guarded(
         interrupted()
     };
     let progress = |progress: &Progress| {
-        if let Some(news) = live.report(progress).filter(|_| !live.is_cancelled()) {
-            service.events.publish(&job.system, SystemChange::Job(job.id.clone(), news));
-        }
+        tell(service, live, job, live.report(progress));
     };
     let control = Control { interrupt: &interrupt, progress: &progress };
     let found = |finding| End::Found(Box::new(finding));
@@ -259,6 +262,13 @@ fn guarded(
         JobKind::Tune => tune::run(input, &control).map(|tuned| End::Tuned(Box::new(tuned))),
     };
     Brake::guard(work).unwrap_or_else(|interrupt| Err(unfinished(interrupt)))
+}
+
+/// Tells watchers how far a job has come, unless it was called off.
+fn tell(service: &Service, live: &Live, job: &JobRecord, news: Option<JobChange>) {
+    if let Some(news) = news.filter(|_| !live.is_cancelled()) {
+        service.events.publish(&job.system, SystemChange::Job(job.id.clone(), news));
+    }
 }
 
 /// What it means for a job that its work was cut short behind its search.
