@@ -103,9 +103,7 @@ impl Pace {
         let Plan { done, left, .. } = &self.plan;
         let usual: f64 = done.iter().zip(USUAL).map(|(units, usual)| units * usual).sum();
         let unit = (usual > 0.0).then(|| self.seconds.iter().sum::<f64>() / usual)?;
-        let cost = |stage: usize| {
-            (self.seconds[stage] + DOUBT * USUAL[stage] * unit) / (done[stage] + DOUBT)
-        };
+        let cost = |stage: usize| (self.seconds[stage] + DOUBT * USUAL[stage] * unit) / (done[stage] + DOUBT);
         let expected: f64 = (0..STAGES).map(|stage| left[stage] * cost(stage)).sum();
         let running = now - self.since;
         Some((expected - running).max(OVERDUE * running))
@@ -142,7 +140,10 @@ mod tests {
         plan.enter(Stage::Settle, 1.0);
         pace.note(10.0, &plan);
         let left = pace.left(10.0).unwrap();
-        assert!((left - 10.0 * USUAL[Stage::Settle as usize] / USUAL[Stage::Fit as usize]).abs() < 1e-9, "{left}");
+        assert!(
+            (left - 10.0 * USUAL[Stage::Settle as usize] / USUAL[Stage::Fit as usize]).abs() < 1e-9,
+            "{left}"
+        );
         assert!((pace.share(10.0).unwrap() - 10.0 / (10.0 + left)).abs() < 1e-9);
     }
 

@@ -87,7 +87,7 @@ pub enum JobChange {
     /// A worker has it.
     Started(Box<JobRecord>),
     /// It has come so far.
-    Progress(ProgressReport),
+    Progress(Box<ProgressReport>),
     /// The best parameters so far, by name.
     Incumbent(Arc<IndexMap<String, f64>>),
     /// Nothing more will happen.
@@ -448,17 +448,20 @@ mod tests {
             trials: None,
         };
         let publish = |change| events.publish(&system, SystemChange::Job("job_1".to_owned(), change));
-        publish(JobChange::Progress(report(1)));
+        publish(JobChange::Progress(Box::new(report(1))));
         assert!(events.snapshot().1.is_empty(), "progress of a job that does not run is none");
         publish(JobChange::Started(Box::new(job(1, None))));
         for evaluations in [10, 20] {
-            publish(JobChange::Progress(report(evaluations)));
+            publish(JobChange::Progress(Box::new(report(evaluations))));
             publish(JobChange::Incumbent(Arc::default()));
         }
         let (_, running) = events.snapshot();
         let words: Vec<&str> = running.iter().map(|event| event.what.name().as_str()).collect();
         assert_eq!(words, ["started", "progress", "incumbent"]);
-        assert_eq!(running[1].what, SystemChange::Job("job_1".to_owned(), JobChange::Progress(report(20))));
+        assert_eq!(
+            running[1].what,
+            SystemChange::Job("job_1".to_owned(), JobChange::Progress(Box::new(report(20))))
+        );
         publish(JobChange::Finished(Box::new(job(1, Some(2)))));
         assert!(events.snapshot().1.is_empty());
     }

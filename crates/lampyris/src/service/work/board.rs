@@ -167,7 +167,7 @@ impl Live {
         let running = running.as_mut().filter(|running| running.told_at.elapsed() >= SILENCE)?;
         running.progress.as_ref()?.trials.as_ref()?;
         running.told_at = Instant::now();
-        running.report().map(JobChange::Progress)
+        running.report().map(|report| JobChange::Progress(Box::new(report)))
     }
 
     /// Tells the job to stop.
@@ -211,7 +211,7 @@ impl Running {
             self.told.clone_from(&incumbent);
             return incumbent.map(JobChange::Incumbent);
         }
-        self.report().map(JobChange::Progress)
+        self.report().map(|report| JobChange::Progress(Box::new(report)))
     }
 }
 
@@ -289,7 +289,10 @@ mod tests {
         live.report(&Progress { evaluations: 400, trials: Some(trials), ..Progress::default() });
         let report = report();
         let eta = report.eta_s.unwrap();
-        assert!((29.0..31.0).contains(&eta), "settling usually takes as long as the fit, which took 30 s: {eta}");
+        assert!(
+            (29.0..31.0).contains(&eta),
+            "settling usually takes as long as the fit, which took 30 s: {eta}"
+        );
         let share = report.trials.as_ref().and_then(|trials| trials.share).unwrap();
         assert!((0.45..0.55).contains(&share), "{share}");
         assert_eq!((report.evaluations, report.trials.map(|trials| trials.tried)), (500, Some(3)));

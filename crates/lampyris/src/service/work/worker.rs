@@ -208,7 +208,7 @@ async fn compute(
                 live.call_off();
                 return (End::Failed(given_up()), Some(receiver));
             }
-            () = tokio::time::sleep(LISTENING) => tell(service, live, &named, live.silence()),
+            () = tokio::time::sleep(LISTENING) => tell(service, live, named, live.silence()),
         }
     };
     let end = match ending {
