@@ -31,7 +31,7 @@ export async function edges(chrome, { base, port }) {
     await page.getByLabel('CSV file').setInputFiles({ name: 'attic.csv', mimeType: 'text/csv', buffer: Buffer.from(text) });
     await page.getByLabel('Channel of Raumtemperatur').fill('T_room');
     await page.getByLabel('Unit of Raumtemperatur').selectOption('degC');
-    await page.getByLabel('Use comment').uncheck();
+    holds(!(await page.getByLabel('Use comment').isChecked()), 'what has no meaning is taken');
     await page.getByRole('button', { name: 'Upload 2 channels' }).click();
     await page.getByText(/rows from .* are taken as win_/).waitFor();
     const [taken] = (await ask(base, '/systems/room/9/windows')).items;
@@ -43,7 +43,8 @@ export async function edges(chrome, { base, port }) {
     await page
       .getByLabel('CSV file')
       .setInputFiles({ name: 'bad.csv', mimeType: 'text/csv', buffer: Buffer.from('time,T_room[furlong]\n2026-01-05T00:00:00Z,21') });
-    await page.getByRole('button', { name: /Upload 1 channels/ }).click();
+    await page.getByLabel('Use T_room[furlong]').check();
+    await page.getByRole('button', { name: 'Upload 1 channel' }).click();
     await page
       .getByRole('alert')
       .getByText(/furlong/)

@@ -125,11 +125,12 @@ const counted = { passed: 0, failed: 0 };
 const REFUSED = /^Failed to load resource/;
 
 /** Opens a page at a width, with a scheme; what goes wrong in it, other than what is `expected`, is a fault of the test. */
-export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce', expected = REFUSED } = {}) {
+export async function open(chrome, { width = 1366, height = 768, scheme = 'light', motion = 'reduce', zone = 'UTC', expected = REFUSED } = {}) {
   const context = await chrome.newContext({
     viewport: { width, height },
     colorScheme: scheme,
     reducedMotion: motion,
+    timezoneId: zone,
     acceptDownloads: true,
   });
   context.setDefaultTimeout(PATIENCE_MS);

@@ -6,6 +6,7 @@ import { ledger } from './ledger.js';
 import { story } from './story.js';
 import { edges } from './edges.js';
 import { foreign } from './foreign.js';
+import { importing } from './import.js';
 import { mathematics } from './mathematics.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
@@ -35,6 +36,7 @@ try {
     await tokens(chrome, process.env.LAMPYRIS_BINARY);
     await changes(chrome, process.env.LAMPYRIS_BINARY);
     await foreign(chrome, process.env.LAMPYRIS_BINARY);
+    await importing(chrome, process.env.LAMPYRIS_BINARY);
     await queue(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();

@@ -9,8 +9,19 @@ import { Table } from '../parts/table.js';
 import { Failed, NotSaved } from '../parts/screens.js';
 
 const KIND = 'room';
+/** Of so many rooms every pair is shown; of more only those that move together. */
+const ALL_PAIRS = 12;
 /** The model that uses most of what a file has. */
 const modelFor = channels => (channels.includes('T_forward') ? 'room3' : 'room2');
+
+/** Pairs of rooms, those that look like neighbours first and marked. */
+function pairsOf(rooms, neighbours) {
+  const proposed = neighbours.map(pair => ({ ...pair, use: true }));
+  if (rooms.length > ALL_PAIRS) return proposed;
+  const all = rooms.flatMap(({ id: one }, at) => rooms.slice(at + 1).map(({ id: other }) => [one, other]));
+  const isProposed = ([one, other]) => proposed.some(({ rooms: pair }) => pair.includes(one) && pair.includes(other));
+  return [...proposed, ...all.filter(pair => !isProposed(pair)).map(pair => ({ rooms: pair, correlation: null, use: false }))];
+}
 
 export function NewSystem() {
   const models = useList('/models');
@@ -33,7 +44,7 @@ function Rooms({ reading, proposed, models }) {
   const { body, data, columns, zone } = reading;
   const several = proposed.length > 1;
   const [rooms, setRooms] = useState(proposed.map(room => ({ ...room, use: true })));
-  const [pairs, setPairs] = useState(data.neighbours.map(pair => ({ ...pair, use: true })));
+  const [pairs, setPairs] = useState(pairsOf(several ? proposed : [], data.neighbours));
   const [model, setModel] = useState(modelFor(data.columns.map(({ channel }) => channel)));
   const [made, setMade] = useState([]);
   const [error, setError] = useState(null);
@@ -95,9 +106,10 @@ function Rooms({ reading, proposed, models }) {
         html`<input aria-label=${`What people call ${proposed[at].label || 'it'}`} value=${room.label} placeholder="Living room" onInput=${event => changeRoom(at, { label: event.target.value })} />`,
         ...(several ? [room.column, besides(proposed[at].id).map(id => original[id].label).join(', ') || 'nobody'] : []),
       ])} />
-    ${pairs.length > 0 && html`<details><summary>Which rooms are next door: ${pairs.filter(({ use }) => use).length} of ${pairs.length} pairs that move together</summary>
+    ${pairs.length > 0 && html`<details><summary>Which rooms are next door: ${pairs.filter(({ use }) => use).length} of ${pairs.length} pairs</summary>
+      <p class="quiet">Rooms next door warm each other. Those that move together are marked; you know the plan better.</p>
       <ul>${pairs.map((pair, at) => html`<li><label class="inline"><input type="checkbox" checked=${pair.use}
-        onChange=${event => changePair(at, { use: event.target.checked })} /> ${pair.rooms.map(id => original[id].label).join(' beside ')}, correlation ${pair.correlation.toFixed(2)}</label></li>`)}</ul></details>`}
+        onChange=${event => changePair(at, { use: event.target.checked })} /> ${pair.rooms.map(id => original[id].label).join(' beside ')}${pair.correlation === null ? '' : `, correlation ${pair.correlation.toFixed(2)}`}</label></li>`)}</ul></details>`}
     <label class="inline">Model <select aria-label="Model" value=${model} onChange=${event => setModel(event.target.value)}>
       ${models.map(({ id, title }) => html`<option value=${id} selected=${id === model}>${id}: ${title}</option>`)}</select></label>
     <details><summary>Columns: ${columns.filter(({ use }) => use).length} of ${columns.length} are used</summary><${Columns} of=${reading}

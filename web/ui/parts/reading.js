@@ -143,7 +143,7 @@ export const Rejected = ({ reasons, word = 'were' }) => html`<ul>${reasons.map(
 )}</ul>`;
 
 /** What the columns are, with their first values. `room` shows which room each is in. */
-export function Columns({ of: { data, columns, change }, channels = [], rooms = null }) {
+export function Columns({ of: { columns, change }, channels = [], rooms = null }) {
   const names = [...new Set([...channels, ...KNOWN])];
   return html`<datalist id="channels">${names.map(name => html`<option value=${name} />`)}</datalist>
     <${Table} caption="Columns of the file, as they are understood" columns=${[
@@ -154,7 +154,7 @@ export function Columns({ of: { data, columns, change }, channels = [], rooms = 
       ...(rooms ? [['room']] : []),
       ['complete', 'number'],
       ['range'],
-      [`first values (${data.first.slice(0, 3).join(', ')})`],
+      ['first values'],
     ]} rows=${columns.map((column, at) => [
       column.column,
       html`<input type="checkbox" aria-label=${`Use ${column.column}`} checked=${column.use} onChange=${event => change(at, { use: event.target.checked })} />`,
@@ -170,7 +170,7 @@ export function Columns({ of: { data, columns, change }, channels = [], rooms = 
             html`<option value=${id} selected=${id === column.room}>${label}</option>`)}</select>`]
         : []),
       percent(column.complete),
-      column.min === null ? 'no values' : `${number(column.min)} to ${number(column.max)}`,
+      html`<span class="nowrap">${column.min === null ? 'no values' : `${number(column.min)} to ${number(column.max)}`}</span>`,
       column.first.map(value => (value === null ? 'none' : number(value))).join(', '),
     ])} />`;
 }
