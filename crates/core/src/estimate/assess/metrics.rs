@@ -245,8 +245,8 @@ pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<St
     found
 }
 
-/// The output that fails most: whose free run errs by the largest multiple of the noise that is left in it, the
-/// first of several that do so alike.
+/// The output that fails most: whose free run errs by the largest multiple of the noise that is left in it,
+/// the first of several that do so alike.
 pub fn worst_output(problem: &Problem, trajectory: &Trajectory) -> usize {
     let rhos = (0..problem.model().outputs().len()).map(|output| rho(problem, trajectory, output));
     let worse = |worst: (usize, f64), (output, rho): (usize, f64)| {
