@@ -10,6 +10,7 @@ import { JobWatch } from '../parts/watch.js';
 import { Equations } from '../parts/equations.js';
 import { Status } from '../parts/status.js';
 import { Outputs, outputIn } from '../parts/outputs.js';
+import { experiment, grownBy } from '../parts/experiment.js';
 import { LadderChart } from '../charts/ladder.js';
 
 /** A fall of less than one per cent is none. */
@@ -58,22 +59,8 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     setError(null);
     setServing(null);
     try {
-      const model = await post(`/models/${encodeURIComponent(current)}/effects`, { effect: name });
-      const { split, window, objective, prior, bounds, fixed } = job.data.request;
-      const own = (await ask(`/models/${encodeURIComponent(model.id)}`)).parameters.map(parameter => parameter.name);
-      const within = values => Object.fromEntries(Object.entries(values ?? {}).filter(([parameter]) => own.includes(parameter)));
-      const started = await post('/jobs', {
-        kind: 'estimate',
-        system,
-        model: model.id,
-        experiment: true,
-        split,
-        objective,
-        prior,
-        bounds: within(bounds),
-        fixed: within(fixed),
-        ...(window ? { window } : {}),
-      });
+      const model = await grownBy(current, name);
+      const started = await experiment(system, model.id, job.data.request);
       setChange({ model, parent: current, title });
       setQuery({ adding: started.id }, { replace: false });
     } catch (fault) {
