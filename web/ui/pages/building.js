@@ -151,7 +151,7 @@ function Rooms({ rows }) {
   return html`<${Table} caption="Rooms of this group, worst first" columns=${[['room'], ['health'], ['error', 'number'], ['model']]}
     rows=${rows.map(row => [
       html`<a href=${systemAddress(row.system)}>${row.label || row.system}</a>${row.label ? html` <small class="quiet">${row.system}</small>` : ''}`,
-      html`<${Status} of=${row.health} /> <span class="quiet">${row.why}</span>`,
+      html`<${Status} of=${row.health} /> <div class="why clamped" title=${row.why}>${row.why}</div>`,
       errorOf(row) ? `${fixed(errorOf(row).value)} ${errorOf(row).unit}` : NONE,
       row.model ?? NONE,
     ])} />`;

@@ -88,8 +88,8 @@ function Lacked({ effect, rows, marked, adopt }) {
   return html`<li class="card ${marked ? 'marked' : ''}">
     <div class="row apart"><p><b>${effect.title}.</b> ${effect.sentence[0].toUpperCase()}${effect.sentence.slice(1)}.
       ${effect.total_saving > 0 && html` <span class="quiet">Together ${fixed(effect.total_saving)}${effect.unit ? ` ${effect.unit}` : ''}.</span>`}</p>
-      <span class="row"><button class="plain" aria-pressed=${marked} onClick=${() => setQuery({ effect: marked ? null : effect.effect })}>Mark</button>
-        <a class="button" href=${address(['effects', effect.effect])}>What it is</a>
+      <span class="row"><button class="plain" aria-pressed=${marked} aria-label=${`Mark ${effect.title}`} onClick=${() => setQuery({ effect: marked ? null : effect.effect })}>Mark</button>
+        <a class="button" href=${address(['effects', effect.effect])} aria-label=${`What it is: ${effect.title}`}>What it is</a>
         ${adopt && html`<button class="main" onClick=${start}>Try it in ${lacking.length === 1 ? lacking[0].system : `${lacking.length} rooms`}</button>`}</span></div>
   </li>`;
 }

@@ -5,7 +5,9 @@ use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
-use crate::service::query::matrix::{self, MatrixEffect, MatrixRow};
+use crate::service::query::matrix;
+use crate::service::query::matrix::cells::MatrixRow;
+use crate::service::query::matrix::effects::MatrixEffect;
 use crate::store::reach::SystemScope;
 use axum::extract::State;
 use lampyris_core::data::SystemPattern;
@@ -75,7 +77,7 @@ async fn get_matrix(
     let (size, selected) = (page.size()?, selection(query.systems.as_deref())?);
     let scopes = (caller.reach(), &selected);
     let effects = match page.page_token {
-        None => Some(matrix::effects(&service, scopes).await?),
+        None => Some(matrix::summary(&service, scopes).await?),
         Some(_) => None,
     };
     let after = page.page_token.unwrap_or_default();

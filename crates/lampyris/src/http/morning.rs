@@ -2,7 +2,9 @@
 //! that mail programs show it as a browser does.
 
 use super::shared::Shared;
-use crate::service::query::night::{ChangedSystem, DoubtfulSystem, NightReport};
+use crate::service::query::night::report::{
+    ChangedSystem, DoubtfulSystem, NightReport, RefusalGroup, SkippedGroup,
+};
 use axum::http::{HeaderMap, header};
 use std::fmt::Write;
 
@@ -10,8 +12,10 @@ use std::fmt::Write;
 const NAMED: usize = 12;
 /// Rows of a table.
 const ROWS: usize = 60;
-const CELL: &str = "padding:4px 10px 4px 0;text-align:left;vertical-align:top;border-bottom:1px solid #d0d7de";
-const NUMBER: &str = "padding:4px 10px 4px 0;text-align:right;vertical-align:top;border-bottom:1px solid #d0d7de";
+const CELL: &str =
+    "padding:4px 10px 4px 0;text-align:left;vertical-align:top;border-bottom:1px solid #d0d7de";
+const NUMBER: &str =
+    "padding:4px 10px 4px 0;text-align:right;vertical-align:top;border-bottom:1px solid #d0d7de";
 const TITLE: &str = "font-size:17px;margin:24px 0 6px";
 
 /// The address under which the service was asked: links of a mail need all of it.
@@ -50,7 +54,8 @@ fn table(heads: &[(&str, bool)], rows: &[Vec<String>]) -> String {
     );
     let style = |at: usize| if heads.get(at).is_some_and(|(_, number)| *number) { NUMBER } else { CELL };
     for (at, (head, _)) in heads.iter().enumerate() {
-        let _ = write!(text, "<th style=\"{};color:#57606a;font-weight:600\">{}</th>", style(at), escaped(head));
+        let _ =
+            write!(text, "<th style=\"{};color:#57606a;font-weight:600\">{}</th>", style(at), escaped(head));
     }
     text.push_str("</tr>");
     for row in rows.iter().take(ROWS) {
@@ -141,7 +146,7 @@ pub fn page(report: &NightReport, base: &str) -> String {
         section("Not to be relied on now", doubtful(base, &report.doubtful));
     }
     if !report.refused.is_empty() {
-        let row = |group: &crate::service::query::night::RefusalGroup| {
+        let row = |group: &RefusalGroup| {
             vec![
                 group.systems.len().to_string(),
                 escaped(&group.rule),
@@ -159,7 +164,7 @@ pub fn page(report: &NightReport, base: &str) -> String {
         section("Good already", format!("<p>{}</p>", names(base, &report.confirmed, "")));
     }
     if !report.skipped.is_empty() {
-        let row = |group: &crate::service::query::night::SkippedGroup| {
+        let row = |group: &SkippedGroup| {
             vec![group.systems.len().to_string(), escaped(&group.why), names(base, &group.systems, "/data")]
         };
         let heads = [("systems", true), ("why", false), ("who", false)];
@@ -176,7 +181,7 @@ pub fn page(report: &NightReport, base: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::query::night::{NextStep, RefusalGroup};
+    use crate::service::query::night::report::NextStep;
 
     #[test]
     fn whatever_a_report_says_is_text_and_long_lists_are_counted() {

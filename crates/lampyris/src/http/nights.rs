@@ -6,7 +6,8 @@ use super::morning;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
-use crate::service::query::night::{self, Night, NightReport};
+use crate::service::query::night::report::NightReport;
+use crate::service::query::night::{self, Night};
 use crate::store;
 use crate::store::batches::{BatchKind, BatchSummary};
 use axum::extract::{Path, State};
@@ -61,7 +62,8 @@ async fn list_nights(
     Asked(page): Asked<PageQuery>,
 ) -> Result<axum::Json<Page<NightRow>>, ApiError> {
     let size = page.size()?;
-    let records = store::batches::page(&service.store, caller.reach(), true, page.before()?, size + 1).await?;
+    let records =
+        store::batches::page(&service.store, caller.reach(), true, page.before()?, size + 1).await?;
     let row = |record: BatchSummary| NightRow {
         night: night::day_of(record.created_at, &service.settings.zone),
         batch: record.id,
@@ -76,8 +78,8 @@ async fn list_nights(
 
 /// What a night has come to: what changed, who was refused and why, who has turned stale, what to do next.
 ///
-/// A night is a day on the clock of the service, with all that schedules have submitted then, or one batch. As
-/// `text/html` it is a page by itself that can be sent as a mail.
+/// A night is a day on the clock of the service, with all that schedules have submitted then, or one batch.
+/// As `text/html` it is a page by itself that can be sent as a mail.
 #[utoipa::path(
     get,
     path = "/nights/{id}",
@@ -104,7 +106,11 @@ async fn get_night(
         }
         None => {
             let request = store::batches::request(&service.store, &id).await?;
-            request.filter(|request| within(reach, request)).map(|_| id.clone()).into_iter().collect::<Vec<_>>()
+            request
+                .filter(|request| within(reach, request))
+                .map(|_| id.clone())
+                .into_iter()
+                .collect::<Vec<_>>()
         }
     };
     let mut batches = Vec::new();

@@ -382,8 +382,8 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
 pub async fn ended_with(store: &Store, jobs: &[String]) -> Result<Vec<String>, StoreError> {
     let sql = "SELECT b.id FROM batches b WHERE b.id IN (SELECT batch FROM batch_jobs WHERE job IN \
         (SELECT value FROM json_each($1))) AND b.schedule IS NOT NULL AND b.waiting IS NULL AND NOT EXISTS \
-        (SELECT 1 FROM batch_jobs o JOIN jobs j ON j.id = o.job WHERE o.batch = b.id AND j.state IN ('queued', \
-        'running')) ORDER BY b.sequence";
+        (SELECT 1 FROM batch_jobs o JOIN jobs j ON j.id = o.job WHERE o.batch = b.id \
+        AND j.state IN ('queued', 'running')) ORDER BY b.sequence";
     Ok(query_scalar(sql).bind(to_json("jobs", jobs)?).fetch_all(&store.reader).await?)
 }
 
@@ -420,12 +420,18 @@ pub async fn page(
         COUNT(*) FILTER (WHERE j.state IN ('queued', 'running')) + CASE WHEN b.waiting IS NULL THEN 0 ELSE 1 \
         END AS unfinished \
         FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job \
-        WHERE b.sequence < $1 AND ($4 = FALSE OR b.schedule IS NOT NULL) AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
+        WHERE b.sequence < $1 AND ($4 = FALSE OR b.schedule IS NOT NULL) \
+        AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
         asked \
         WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE glob(pattern.value, asked.value)))) \
         GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
-    let rows: Vec<SummaryRow> =
-        query_as(sql).bind(before).bind(limit).bind(reach.sql()?).bind(scheduled).fetch_all(&store.reader).await?;
+    let rows: Vec<SummaryRow> = query_as(sql)
+        .bind(before)
+        .bind(limit)
+        .bind(reach.sql()?)
+        .bind(scheduled)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(SummaryRow::record).collect()
 }
 

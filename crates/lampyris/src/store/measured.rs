@@ -69,8 +69,10 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
 /// # Errors
 /// Where the database fails.
 pub async fn newest(store: &Store, systems: &[String]) -> Result<BTreeMap<String, i64>, StoreError> {
-    let sql = "SELECT system, MAX(last) FROM (SELECT system, MAX(to_ms) AS last FROM days WHERE system IN \
-        (SELECT value FROM json_each($1)) GROUP BY system UNION ALL SELECT system, MAX(to_ms) AS last FROM samples \
+    let sql = "SELECT system, MAX(last) FROM (\
+        SELECT system, MAX(to_ms) AS last FROM days \
+        WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system UNION ALL \
+        SELECT system, MAX(to_ms) AS last FROM samples \
         WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system) spans GROUP BY system";
     let rows: Vec<(String, i64)> =
         query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;

@@ -1,7 +1,7 @@
 //! Tells one address what happens: it follows the log of events, and nobody waits for it.
 //!
-//! Notices wait in a short queue. What cannot be delivered is tried again for some minutes; where the queue is
-//! full, newer notices are left out and the log says so. One process of several tells, once.
+//! Notices wait in a short queue. What cannot be delivered is tried again for some minutes; where the queue
+//! is full, newer notices are left out and the log says so. One process of several tells, once.
 
 use super::events::{Event, JobChange, SystemChange};
 use crate::service::error::ServiceError;
@@ -20,8 +20,8 @@ use sha2::Sha256;
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::time::Instant;
 use tokio::sync::mpsc::{Receiver, Sender, channel, error::TrySendError};
+use tokio::time::Instant;
 
 /// Notices that wait to be delivered.
 const WAITING: usize = 256;
@@ -278,7 +278,8 @@ fn post(settings: &NotifySettings, notice: &Notice) -> Result<(), String> {
     request = match settings.format {
         NoticeFormat::Json => request.header("content-type", "application/json"),
         NoticeFormat::Ntfy => {
-            let titled = request.header("content-type", "text/plain; charset=utf-8").header("title", &notice.title);
+            let titled =
+                request.header("content-type", "text/plain; charset=utf-8").header("title", &notice.title);
             let bad = matches!(notice.event, NoticeKind::Degraded | NoticeKind::Failed);
             let titled = titled.header("tags", if bad { "warning" } else { "thermometer" });
             // A link that names no host leads nowhere from another program.

@@ -1,24 +1,12 @@
-//! Which rooms lack which effects: every system beside every effect, from its newest diagnosis and from what
-//! its windows show together.
+//! What the data of one system say of every effect.
 
-use crate::service::error::ServiceError;
-use crate::service::state::Service;
-use crate::service::threads::blocking;
-use crate::store;
 use crate::store::diagnoses::{DiagnosedSystem, NamedFinding, NewestDiagnosis};
-use crate::store::reach::SystemScope;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ledger::{CLEAR_T, Ledger, LedgerEntry, ledgers};
-use lampyris_core::model::Catalogue;
 use serde::Serialize;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
-
-/// Systems that are read at a time where all are asked for.
-const AT_ONCE: i64 = 200;
-/// The kind of systems that people call rooms.
-const ROOM: &str = "room";
 
 /// What a system's data say of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema)]
@@ -72,32 +60,6 @@ pub struct MatrixRow {
     pub created_at: Option<Timestamp>,
     /// What is known of each effect; one of which nothing is known has no entry.
     pub cells: Vec<MatrixCell>,
-}
-
-/// An effect over all systems that were asked about.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct MatrixEffect {
-    /// The effect, without the channel that a member of a family has.
-    pub effect: String,
-    /// A short title for people.
-    pub title: String,
-    /// How many systems lack it.
-    pub lacking: usize,
-    /// How many have it in their model.
-    pub in_model: usize,
-    /// How many cannot show it with their data.
-    pub not_testable: usize,
-    /// How many systems were diagnosed.
-    pub diagnosed: usize,
-    /// How much the error on unseen data falls in the mean, where it is added.
-    pub mean_saving: Option<f64>,
-    /// The same over all systems that lack it.
-    pub total_saving: Option<f64>,
-    /// The unit of both.
-    pub unit: Option<String>,
-    /// In a sentence.
-    #[schema(example = "11 of 40 rooms lack wind infiltration; adding it saves 0.21 K each on unseen data")]
-    pub sentence: String,
 }
 
 /// The effect of an id, without the channel that a member of a family has.
@@ -214,7 +176,8 @@ fn folded(effect: String, members: Vec<Member>) -> MatrixCell {
     }
 }
 
-fn row(system: DiagnosedSystem, evidence: &[LedgerEntry]) -> MatrixRow {
+/// The row of a system.
+pub(super) fn row(system: DiagnosedSystem, evidence: &[LedgerEntry]) -> MatrixRow {
     MatrixRow {
         cells: cells(&system, evidence),
         diagnosis: system.diagnosis.as_ref().map(|newest| newest.id.clone()),
@@ -223,195 +186,6 @@ fn row(system: DiagnosedSystem, evidence: &[LedgerEntry]) -> MatrixRow {
         system: system.system,
         model: system.model,
     }
-}
-
-/// What is counted of an effect, system by system.
-#[derive(Debug, Default)]
-struct EffectCount {
-    lacking: usize,
-    in_model: usize,
-    not_testable: usize,
-    savings: Vec<f64>,
-    units: Vec<Option<String>>,
-}
-
-/// What is counted of all systems.
-#[derive(Debug, Default)]
-struct Tally {
-    diagnosed: usize,
-    rooms_alone: bool,
-    effects: BTreeMap<String, EffectCount>,
-}
-
-impl Tally {
-    fn add(&mut self, row: &MatrixRow) {
-        if row.diagnosis.is_none() {
-            return;
-        }
-        self.rooms_alone = row.system.kind() == ROOM && (self.rooms_alone || self.diagnosed == 0);
-        self.diagnosed += 1;
-        for cell in &row.cells {
-            let count = self.effects.entry(cell.effect.clone()).or_default();
-            match cell.state {
-                EffectState::Named => {
-                    count.lacking += 1;
-                    if let Some(saving) = cell.saving {
-                        count.savings.push(saving);
-                        count.units.push(cell.unit.clone());
-                    }
-                }
-                EffectState::InModel => count.in_model += 1,
-                EffectState::NotTestable => count.not_testable += 1,
-                EffectState::Suspected | EffectState::Absent => {}
-            }
-        }
-    }
-
-    /// The effects, what saves most first.
-    fn effects(self, title: impl Fn(&str) -> String) -> Vec<MatrixEffect> {
-        let (diagnosed, rooms) = (self.diagnosed, self.rooms_alone);
-        let mut all: Vec<MatrixEffect> = self
-            .effects
-            .into_iter()
-            .map(|(effect, count)| count.summary(&title(&effect), effect, diagnosed, rooms))
-            .collect();
-        // What has no unit compares with nothing: it stands behind what has one.
-        let weight = |one: &MatrixEffect| (one.total_saving.is_some_and(|_| one.unit.is_some()), one.lacking);
-        let saving = |one: &MatrixEffect| one.total_saving.unwrap_or(0.0);
-        all.sort_by(|one, other| {
-            let (first, second) = (weight(one), weight(other));
-            second.0.cmp(&first.0).then(saving(other).total_cmp(&saving(one))).then(second.1.cmp(&first.1))
-        });
-        all
-    }
-}
-
-impl EffectCount {
-    fn summary(self, title: &str, effect: String, diagnosed: usize, rooms: bool) -> MatrixEffect {
-        // Errors of different units are not added.
-        let is_one = self.units.windows(2).all(|pair| pair[0] == pair[1]);
-        let unit = self.units.first().cloned().flatten().filter(|_| is_one);
-        let total_saving = (is_one && !self.savings.is_empty()).then(|| self.savings.iter().sum::<f64>());
-        let mean_saving = total_saving.map(|total| total / self.savings.len() as f64);
-        let sentence = sentence(title, self.lacking, diagnosed, rooms, mean_saving, unit.as_deref());
-        MatrixEffect {
-            effect,
-            title: title.to_owned(),
-            lacking: self.lacking,
-            in_model: self.in_model,
-            not_testable: self.not_testable,
-            diagnosed,
-            mean_saving,
-            total_saving,
-            unit,
-            sentence,
-        }
-    }
-}
-
-/// `11 of 40 rooms lack wind infiltration; adding it saves 0.21 K each on unseen data`.
-fn sentence(
-    title: &str,
-    lacking: usize,
-    diagnosed: usize,
-    rooms: bool,
-    mean_saving: Option<f64>,
-    unit: Option<&str>,
-) -> String {
-    let noun = match (rooms, diagnosed) {
-        (true, 1) => "room",
-        (true, _) => "rooms",
-        (false, 1) => "system",
-        (false, _) => "systems",
-    };
-    let name = in_a_sentence(title);
-    if lacking == 0 {
-        return format!("none of {diagnosed} {noun} lacks {name}");
-    }
-    let (verb, each) = if lacking == 1 { ("lacks", "") } else { ("lack", " each") };
-    let unit = unit.map(|unit| format!(" {unit}")).unwrap_or_default();
-    let worth = match mean_saving {
-        Some(saving) if saving >= 0.005 => {
-            format!("; adding it saves {saving:.2}{unit}{each} on unseen data")
-        }
-        Some(_) => "; adding it leaves the error of a free run on unseen data as it is".to_owned(),
-        None => String::new(),
-    };
-    format!("{lacking} of {diagnosed} {noun} {verb} {name}{worth}")
-}
-
-/// A title within a sentence: a first letter that stands for no abbreviation is small.
-fn in_a_sentence(title: &str) -> String {
-    let mut letters = title.chars();
-    match (letters.next(), letters.clone().next()) {
-        (Some(first), Some(second)) if !second.is_uppercase() => {
-            first.to_lowercase().chain(letters).collect()
-        }
-        _ => title.to_owned(),
-    }
-}
-
-/// The title of an effect, its id where nobody knows it any more.
-fn title(catalogue: &Catalogue, effect: &str) -> String {
-    let known = catalogue.effects().find(|known| known.id == effect);
-    known.map_or_else(|| effect.replace('_', " "), |known| of_any_member(&known.title))
-}
-
-/// The title of a family without what names a member: `Metered gain` of `Metered gain {channel}`.
-fn of_any_member(title: &str) -> String {
-    let Some((before, _)) = title.split_once('{') else { return title.to_owned() };
-    let words: Vec<&str> = before.trim().trim_end_matches(',').split(' ').collect();
-    let open = words.iter().rposition(|word| !["to", "from", "with", "the"].contains(word)).map_or(0, |at| at + 1);
-    let left = if open < words.len() { " …" } else { "" };
-    format!("{}{left}", words.join(" "))
-}
-
-/// One page of the rows of some systems: those that come after a name, with one more than fit.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn rows(
-    service: &Service,
-    scopes: (&SystemScope, &SystemScope),
-    after: &str,
-    limit: i64,
-) -> Result<Vec<MatrixRow>, ServiceError> {
-    let systems = store::diagnoses::newest(&service.store, scopes, after, limit).await?;
-    let names: Vec<String> = systems.iter().map(|one| one.system.to_string()).collect();
-    let evidence = store::evidence::of_many(&service.store, &names).await?;
-    blocking(move || all_rows(systems, &evidence)).await
-}
-
-fn all_rows(systems: Vec<DiagnosedSystem>, evidence: &HashMap<String, Vec<LedgerEntry>>) -> Vec<MatrixRow> {
-    let known = |system: &SystemId| evidence.get(&system.to_string()).map_or(&[][..], Vec::as_slice);
-    systems
-        .into_iter()
-        .map(|system| {
-            let entries = known(&system.system);
-            row(system, entries)
-        })
-        .collect()
-}
-
-/// What is known of each effect over all systems of a selection, what saves most first.
-///
-/// # Errors
-/// Where the database fails.
-pub async fn effects(
-    service: &Service,
-    scopes: (&SystemScope, &SystemScope),
-) -> Result<Vec<MatrixEffect>, ServiceError> {
-    let (mut tally, mut after) = (Tally::default(), String::new());
-    loop {
-        let systems = store::diagnoses::newest(&service.store, scopes, &after, AT_ONCE).await?;
-        let Some(last) = systems.last().map(|one| one.system.to_string()) else { break };
-        // What windows show together decides nothing that is counted here.
-        let rows = blocking(move || all_rows(systems, &HashMap::new())).await?;
-        rows.iter().for_each(|row| tally.add(row));
-        after = last;
-    }
-    let catalogue = service.catalogue.current();
-    Ok(tally.effects(|effect| title(&catalogue, effect)))
 }
 
 #[cfg(test)]
@@ -498,39 +272,5 @@ mod tests {
         assert_eq!(grown.cells[3].state, EffectState::InModel);
         let unknown = row(DiagnosedSystem { diagnosis: None, ..system("room/1", "room3", None) }, &[]);
         assert_eq!((unknown.cells.len(), unknown.diagnosis), (0, None));
-    }
-
-    #[test]
-    fn effects_are_summed_over_rooms_and_the_dearest_comes_first() {
-        let mut tally = Tally::default();
-        for (name, model, test) in [
-            ("room/1", "room3", Some([0.6, 0.4])),
-            ("room/2", "room3", Some([0.6, 0.5])),
-            ("room/3", "room3+wind_infiltration", None),
-        ] {
-            tally.add(&row(system(name, model, test), &[]));
-        }
-        tally.add(&row(DiagnosedSystem { diagnosis: None, ..system("room/4", "room3", None) }, &[]));
-        let effects = tally.effects(|effect| effect.replace('_', " "));
-        let first = &effects[0];
-        assert_eq!((first.effect.as_str(), first.lacking, first.in_model), ("wind_infiltration", 2, 1));
-        assert_eq!(
-            first.sentence,
-            "2 of 3 rooms lack wind infiltration; adding it saves 0.15 K each on unseen data"
-        );
-        assert!((first.total_saving.unwrap() - 0.3).abs() < 1e-12);
-        let sun = effects.iter().find(|one| one.effect == "solar_gain").unwrap();
-        assert_eq!((sun.not_testable, sun.sentence.as_str()), (3, "none of 3 rooms lacks solar gain"));
-    }
-
-    #[test]
-    fn sentences_count_and_leave_abbreviations_alone() {
-        let of = |title, lacking, saving| sentence(title, lacking, 4, false, saving, Some("K"));
-        assert_eq!(of("CO2 from people", 1, None), "1 of 4 systems lacks CO2 from people");
-        assert_eq!(of_any_member("Metered gain {channel}"), "Metered gain");
-        assert_eq!(of_any_member("Night set-back, {start} to {end} h"), "Night set-back");
-        assert_eq!(of_any_member("Sun from the {facade}"), "Sun from the …");
-        let said = of("Sensor lag", 2, Some(-0.1));
-        assert!(said.ends_with("lack sensor lag; adding it leaves the error of a free run on unseen data as it is"));
     }
 }
