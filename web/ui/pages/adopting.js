@@ -16,6 +16,8 @@ const KEY = 'lampyris-adopting';
 /** Rooms that are worked on at a time: what the service fits beside them keeps its turn. */
 const AT_ONCE = 3;
 const LOOK_MS = 1500;
+/** Whoever waits for so long waits for another tab. */
+const ELSEWHERE_MS = 3000;
 /** A fall of less than one per cent is none. */
 const FALL = 0.99;
 const DONE = ['adopted', 'waits', 'refused', 'failed'];
@@ -142,49 +144,62 @@ async function adopt(room, note, signal) {
   }
 }
 
-/** One tab goes on with it at a time, where the browser can tell. */
-const alone = act => (navigator.locks ? navigator.locks.request(KEY, { ifAvailable: true }, lock => (lock ? act() : 'elsewhere')) : act());
+/** One tab goes on with it at a time, where the browser can tell; the others wait until that one is closed. */
+const alone = (signal, act) => (navigator.locks ? navigator.locks.request(KEY, { signal }, act) : act());
 
 export function Adopting({ start, changed, close }) {
   const [rooms, setRooms] = useState(start.rooms);
   const [elsewhere, setElsewhere] = useState(false);
   const current = useRef(start.rooms);
+  const left = useRef([]);
+  const note = (room, change) => {
+    Object.assign(room, change);
+    // What was closed is not written down again, and what happens behind a page that was left is.
+    if (adoption()?.id === start.id) keep({ ...start, rooms: current.current });
+    setRooms([...current.current]);
+  };
   useEffect(() => {
     const abort = new AbortController();
-    const note = (at, change) => {
-      Object.assign(current.current[at], change);
-      if (abort.signal.aborted) return;
-      current.current = [...current.current];
-      keep({ ...start, rooms: current.current });
-      setRooms(current.current);
-      if (DONE.includes(change.state)) changed();
-    };
-    const left = current.current.map((room, at) => [room, at]).filter(([room]) => !DONE.includes(room.state));
     const work = async () => {
-      while (left.length > 0) {
-        const [room, at] = left.shift();
-        await adopt(room, change => note(at, change), abort.signal);
+      while (left.current.length > 0) {
+        const room = left.current.shift();
+        await adopt(room, change => note(room, change), abort.signal);
+        changed();
       }
     };
-    if (left.length > 0)
-      alone(async () => {
-        await Promise.all(Array.from({ length: AT_ONCE }, work));
-        say(summaryOf(start.title, current.current));
-      }).then(
-        done => setElsewhere(done === 'elsewhere'),
-        () => {},
-      );
-    return () => abort.abort();
+    const waits = setTimeout(() => setElsewhere(true), ELSEWHERE_MS);
+    alone(abort.signal, async () => {
+      clearTimeout(waits);
+      setElsewhere(false);
+      // Another tab may have come further meanwhile.
+      current.current = adoption()?.rooms ?? current.current;
+      left.current = current.current.filter(room => !DONE.includes(room.state));
+      if (left.current.length === 0) return;
+      await Promise.all(Array.from({ length: AT_ONCE }, work));
+      say(summaryOf(start.title, current.current));
+    }).catch(() => {});
+    return () => {
+      clearTimeout(waits);
+      abort.abort();
+    };
+  }, []);
+  useEffect(() => {
+    // What another tab writes down is shown here.
+    const heard = event => event.key === KEY && adoption()?.id === start.id && setRooms((current.current = adoption().rooms));
+    addEventListener('storage', heard);
+    return () => removeEventListener('storage', heard);
   }, []);
   const leave = () => {
     keep(null);
     close();
   };
+  // Rooms that are under way go to their end: none is left with a model that the gate has refused.
+  const stop = () => left.current.splice(0).forEach(room => note(room, { state: 'refused', why: 'stopped before its turn' }));
   const done = rooms.filter(room => DONE.includes(room.state)).length;
   const isDone = done === rooms.length;
   return html`<section class="card" aria-labelledby="adopting">
     <div class="row apart"><h2 id="adopting">${start.title} in ${rooms.length} ${rooms.length === 1 ? 'room' : 'rooms'}</h2>
-      <button onClick=${leave}>${isDone ? 'Close' : 'Stop here'}</button></div>
+      ${isDone ? html`<button onClick=${leave}>Close</button>` : !elsewhere && html`<button onClick=${stop}>Stop behind those under way</button>`}</div>
     <p>Each room is fitted with the model it has and with ${start.title} added, on the same data. It takes the effect only where the error on unseen
       data falls and the gate accepts the fit; then it is fitted to the newest data for the controller, and the gate decides once more. A room that is
       refused keeps what it has.</p>

@@ -1,6 +1,7 @@
 //! Which systems lack which effects.
 
 use super::access::Caller;
+use super::description::With;
 use super::extract::Asked;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
@@ -37,16 +38,16 @@ struct MatrixQuery {
     page_token: Option<String>,
 }
 
-/// Every effect beside every system.
+/// Every effect beside every system: a page of the systems by name.
 #[derive(Debug, Serialize, ToSchema)]
-struct EffectMatrix {
+#[schema(as = EffectMatrix)]
+struct EffectSums {
     /// The effects over all systems of the selection, what saves most first; `null` on all pages but the
     /// first.
     effects: Option<Vec<MatrixEffect>>,
-    /// Systems by name.
-    #[serde(flatten)]
-    page: Page<MatrixRow>,
 }
+
+type EffectMatrix = With<EffectSums, Page<MatrixRow>>;
 
 /// The systems that a list of patterns selects, all of them where there is none.
 fn selection(text: Option<&str>) -> Result<SystemScope, ApiError> {
@@ -83,5 +84,5 @@ async fn get_matrix(
     let after = page.page_token.unwrap_or_default();
     let rows = matrix::rows(&service, scopes, &after, size + 1).await?;
     let page = Page::of(rows, size, |row| row.system.to_string(), |row| row);
-    Ok(axum::Json(EffectMatrix { effects, page }))
+    Ok(axum::Json(With { own: EffectSums { effects }, document: page }))
 }
