@@ -1,5 +1,6 @@
 // All browser tests, one after another, against one demo; those that need none while it fits and diagnoses its rooms.
 import { browser, demo, result } from './harness.js';
+import { building } from './building.js';
 import { changes } from './changes.js';
 import { evidence } from './evidence.js';
 import { ledger } from './ledger.js';
@@ -52,6 +53,7 @@ try {
     await terms(chrome, service);
     await schedules(chrome, service);
     await pages(chrome, service);
+    await building(chrome, service);
   }
 } finally {
   await stop();

@@ -61,6 +61,7 @@ export async function pages(chrome, { base }) {
 
   const [job] = (await ask(base, '/jobs?kind=estimate&page_size=1')).items;
   const batch = await ask(base, '/jobs', { kind: 'recalibrate', systems: ['room/1', 'room/4'] });
+  const [night] = (await ask(base, '/nights?page_size=1')).items;
   const places = {
     overview: ['/', 'table.systems tbody tr'],
     fit: ['/systems/room/5', '.strips canvas'],
@@ -93,6 +94,10 @@ export async function pages(chrome, { base }) {
     neighbours: ['/neighbours?system=room/1', 'figure.frame tbody tr'],
     'neighbours-none': ['/neighbours?system=room/5', '.screen.empty'],
     new: ['/new', 'form'],
+    building: ['/building', '.matrix tbody tr'],
+    'building-group': ['/building?group=room&effect=sensor_lag', '.matrix tbody tr'],
+    mornings: ['/mornings', 'tbody tr'],
+    morning: [`/mornings/${night.night}`, 'ol.next, .verdict'],
   };
   for (const scheme of ['light', 'dark']) {
     await test(chrome, `no_page_has_a_serious_fault_in_${scheme}`, { scheme }, async page => {

@@ -16,6 +16,8 @@ import { Editor } from './pages/editor.js';
 import { Schedules } from './pages/schedules.js';
 import { Audit } from './pages/audit.js';
 import { Neighbours } from './pages/neighbours.js';
+import { Building } from './pages/building.js';
+import { Mornings, Morning } from './pages/mornings.js';
 
 function page(parts, query) {
   const [place, first, second, third] = parts;
@@ -32,6 +34,8 @@ function page(parts, query) {
   if (place === 'effects' && first) return html`<${EffectPage} key=${first} id=${first} />`;
   if (place === 'schedules') return html`<${Schedules} />`;
   if (place === 'audit') return html`<${Audit} query=${query} />`;
+  if (place === 'building') return html`<${Building} query=${query} />`;
+  if (place === 'mornings') return first ? html`<${Morning} key=${first} id=${first} />` : html`<${Mornings} />`;
   if (place === 'neighbours') return html`<${Neighbours} query=${query} />`;
   return html`<${Empty} title="There is no such page"><p><a href="/ui/">To the overview</a></p></${Empty}>`;
 }

@@ -7,7 +7,7 @@ use crate::service::catalogue::open;
 use crate::service::catalogue::shared::SharedCatalogue;
 use crate::service::catalogue::turns::Turns;
 use crate::service::changes::events::Events;
-use crate::service::changes::{fleet, follow};
+use crate::service::changes::{fleet, follow, notify};
 use crate::service::observe::lines::LineTally;
 use crate::service::observe::metrics::Metrics;
 use crate::service::observe::pulls::Pulls;
@@ -212,6 +212,7 @@ impl App {
                 tasks.spawn(schedules::run(service.clone()));
                 tasks.spawn(open::run(service.clone()));
                 tasks.spawn(pull::run(service.clone()));
+                tasks.spawn(notify::run(service.clone()));
             }
             tasks.spawn(keeping::run(service.clone()));
             if service.store.is_shared() {

@@ -1,11 +1,17 @@
 //! What an operator can set: a TOML file, and the environment, which wins.
 
+mod notify;
+mod tls;
+
+pub use notify::{NoticeFormat, NoticeKind, NoticeSecret, NotifySettings};
+pub use tls::TlsFiles;
+
 use crate::store::DatabasePlace;
 use crate::store::workers::ProcessRole;
 use lampyris_core::fault::{Fault, nearest};
 use serde::{Deserialize, Serialize};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 /// The settings of a service. Every field has a default that serves.
@@ -38,16 +44,8 @@ pub struct Settings {
     pub retention: Retention,
     /// What diagnoses go by that are not asked for otherwise.
     pub diagnose: Diagnose,
-}
-
-/// The files of a certificate, PEM each. They are read again when they change.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TlsFiles {
-    /// The certificate, and behind it those that it rests on.
-    pub certificate: PathBuf,
-    /// Its private key.
-    pub key: PathBuf,
+    /// Whom the service tells what happens.
+    pub notify: Option<NotifySettings>,
 }
 
 /// What diagnoses go by that are not asked for otherwise.
@@ -140,6 +138,7 @@ impl Default for Settings {
             limits: Limits::default(),
             retention: Retention::default(),
             diagnose: Diagnose::default(),
+            notify: None,
         }
     }
 }
@@ -179,7 +178,7 @@ impl Default for Retention {
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 31] = [
+const VARIABLES: [(&str, &str); 36] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_ROLES", "/roles"),
@@ -211,6 +210,11 @@ const VARIABLES: [(&str, &str); 31] = [
     ("LAMPYRIS_RETENTION_SAMPLES_DAYS", "/retention/samples_days"),
     ("LAMPYRIS_RETENTION_TRACES_DAYS", "/retention/traces_days"),
     ("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", "/diagnose/accusation_rate"),
+    ("LAMPYRIS_NOTIFY_URL", "/notify/url"),
+    ("LAMPYRIS_NOTIFY_EVENTS", "/notify/events"),
+    ("LAMPYRIS_NOTIFY_SECRET", "/notify/secret"),
+    ("LAMPYRIS_NOTIFY_FORMAT", "/notify/format"),
+    ("LAMPYRIS_NOTIFY_PAGE", "/notify/page"),
 ];
 
 /// Variables of the same prefix that are no settings.
@@ -326,7 +330,8 @@ impl Settings {
             "/retention/windows_days" => read(&mut self.retention.windows_days, text),
             "/retention/samples_days" => read(&mut self.retention.samples_days, text),
             "/retention/traces_days" => read(&mut self.retention.traces_days, text),
-            _ => read(&mut self.diagnose.accusation_rate, text),
+            "/diagnose/accusation_rate" => read(&mut self.diagnose.accusation_rate, text),
+            _ => self.notify.get_or_insert_default().set(field, text),
         }
     }
 
@@ -417,6 +422,9 @@ impl Settings {
             "/diagnose/accusation_rate",
             "an accusation rate is above 0 and at most 0.2",
         );
+        for (field, detail) in self.notify.iter().flat_map(NotifySettings::faults) {
+            demand(false, field, detail);
+        }
         faults
     }
 }

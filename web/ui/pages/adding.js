@@ -12,6 +12,7 @@ import { Status } from '../parts/status.js';
 import { useTitles } from '../parts/names.js';
 import { explained } from '../parts/term.js';
 import { Outputs, outputIn } from '../parts/outputs.js';
+import { experiment, grownBy } from '../parts/experiment.js';
 import { LadderChart } from '../charts/ladder.js';
 import { Overlay } from './overlay.js';
 
@@ -59,22 +60,8 @@ export function Adding({ diagnosis, system, document, effect, steps, taken, grow
     setError(null);
     adoption.forget();
     try {
-      const model = await post(`/models/${encodeURIComponent(current)}/effects`, { effect: name });
-      const { split, window, objective, prior, bounds, fixed } = job.data.request;
-      const own = (await ask(`/models/${encodeURIComponent(model.id)}`)).parameters.map(parameter => parameter.name);
-      const within = values => Object.fromEntries(Object.entries(values ?? {}).filter(([parameter]) => own.includes(parameter)));
-      const started = await post('/jobs', {
-        kind: 'estimate',
-        system,
-        model: model.id,
-        experiment: true,
-        split,
-        objective,
-        prior,
-        bounds: within(bounds),
-        fixed: within(fixed),
-        ...(window ? { window } : {}),
-      });
+      const model = await grownBy(current, name);
+      const started = await experiment(system, model.id, job.data.request);
       setChange({ model, parent: current, title });
       setQuery({ adding: started.id }, { replace: false });
     } catch (fault) {

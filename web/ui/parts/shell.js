@@ -14,6 +14,8 @@ import { TokenQuestion, ForgetToken } from './token.js';
 
 const PLACES = REPORT ? [] : [
   ['Overview', [], 'o'],
+  ['Building', ['building'], 'b'],
+  ['Mornings', ['mornings'], 'n'],
   ['Jobs', ['jobs'], 'j'],
   ['Models and effects', ['models'], 'm'],
   ['Schedules', ['schedules'], 's'],

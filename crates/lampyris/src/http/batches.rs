@@ -275,7 +275,8 @@ async fn list_batches(
     Asked(page): Asked<PageQuery>,
 ) -> Result<axum::Json<Page<BatchListRow>>, ApiError> {
     let size = page.size()?;
-    let records = store::batches::page(&service.store, caller.reach(), page.before()?, size + 1).await?;
+    let records =
+        store::batches::page(&service.store, caller.reach(), false, page.before()?, size + 1).await?;
     let row = |record: BatchSummary| BatchListRow {
         id: record.id,
         kind: record.kind,

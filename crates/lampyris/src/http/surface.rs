@@ -5,8 +5,9 @@ use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
     access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
-    evidence, export, extract, fits, forecast, history, influx, jobs, language, layout, metrics, models,
-    params, preview, problem, prometheus, samples, schedules, series, service, state, systems, web, windows,
+    evidence, export, extract, fits, forecast, history, influx, jobs, language, layout, matrix, metrics,
+    models, nights, params, preview, problem, prometheus, samples, schedules, series, service, state,
+    systems, web, windows,
 };
 use axum::Router;
 use axum::extract::Request;
@@ -65,10 +66,12 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(jobs::router())
         .merge(events::router())
         .merge(batches::router())
+        .merge(nights::router())
         .merge(fits::router())
         .merge(decisions::router())
         .merge(diagnoses::router())
         .merge(evidence::router())
+        .merge(matrix::router())
         .merge(history::router())
         .merge(comparison::router())
         .merge(forecast::router())

@@ -263,6 +263,7 @@ fn not_found(what: &str) -> (&'static str, &'static str) {
         "batch" => ("batch-not-found", "No such batch"),
         "fit" => ("fit-not-found", "No such fit"),
         "diagnosis" => ("diagnosis-not-found", "No such diagnosis"),
+        "night" => ("night-not-found", "No such night"),
         "ladder" => ("ladder-not-found", "No ladder yet"),
         "file" => ("file-not-found", "No such file"),
         "schedule" => ("schedule-not-found", "No such schedule"),

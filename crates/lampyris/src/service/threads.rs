@@ -4,6 +4,7 @@ use super::error::ServiceError;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::OnceLock;
+use std::thread;
 use tokio::sync::oneshot;
 
 /// The least urgent the system knows.
@@ -68,4 +69,18 @@ pub async fn blocking<T: Send + 'static>(
         Ok(Ok(done)) => Ok(done),
         _ => Err(ServiceError::Internal("a short task panicked".into())),
     }
+}
+
+/// Waits for somebody else on a thread of its own: those for short work are few, and everybody needs them.
+///
+/// # Errors
+/// What went wrong, or that there is no thread.
+pub(super) async fn apart<T: Send + 'static>(
+    name: &str,
+    wait: impl FnOnce() -> Result<T, String> + Send + 'static,
+) -> Result<T, String> {
+    let (sender, done) = oneshot::channel();
+    let thread = thread::Builder::new().name(name.to_owned());
+    thread.spawn(move || sender.send(wait())).map_err(|error| format!("no thread: {error}"))?;
+    done.await.unwrap_or_else(|_| Err("the question broke off".to_owned()))
 }

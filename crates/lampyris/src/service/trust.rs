@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 
 /// Where systems keep the certificates that they trust: Debian, Fedora, Alpine and BSD.
@@ -15,6 +16,21 @@ const SYSTEM_CERTIFICATES: [&str; 3] =
 pub fn trust(file: Option<&Path>) -> Result<TlsConfig, String> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     Ok(TlsConfig::builder().root_certs(roots(file)?).unversioned_rustls_crypto_provider(provider).build())
+}
+
+/// A client for one address, that follows no redirects and takes any status for an answer.
+///
+/// # Errors
+/// As [`trust`], where the address asks for TLS.
+pub(super) fn agent(url: &str, patience: Duration) -> Result<ureq::Agent, String> {
+    let mut config = ureq::Agent::config_builder()
+        .http_status_as_error(false)
+        .max_redirects(0)
+        .timeout_global(Some(patience));
+    if url.starts_with("https://") {
+        config = config.tls_config(trust(None)?);
+    }
+    Ok(ureq::Agent::new_with_config(config.build()))
 }
 
 /// The certificates of a file, or those that this system trusts.

@@ -14,9 +14,12 @@ use super::sequence::{derive_id, next};
 use super::statement::{query, query_as, query_scalar};
 use super::value::{corrupt, from_json, instant, millis, parse, to_json};
 use super::words::words;
+use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::Adequacy;
+use lampyris_core::estimate::gate::check::Severity;
+use lampyris_core::estimate::gate::served::ServedError;
 use lampyris_core::estimate::gate::validate::NO_WORSE_THAN_INCUMBENT;
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
@@ -112,6 +115,23 @@ pub struct BatchMember {
     pub error: Option<JobFailure>,
     /// What it diagnosed.
     pub diagnosis: Option<BatchDiagnosis>,
+    /// The model that was fitted.
+    pub model: String,
+    /// The revision that it has made.
+    pub revision: Option<i64>,
+    /// The errors of that revision by output, as they were let out.
+    pub served_error: Option<IndexMap<String, ServedError>>,
+    /// The check that held back its fit, or refused it.
+    pub stopped: Option<FailedCheck>,
+}
+
+/// A check that a fit has failed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FailedCheck {
+    /// The rule, `G4 beats persistence`.
+    pub rule: String,
+    /// Why, in a sentence.
+    pub comment: String,
 }
 
 /// What a diagnosis of a batch comes to.
@@ -160,6 +180,9 @@ row! {
         verdict: Option<String>,
         said: Option<String>,
         findings: Option<String>,
+        model: String,
+        revision: Option<i64>,
+        served_error: Option<String>,
     }
 }
 
@@ -175,13 +198,21 @@ struct Finding {
 struct Check {
     name: String,
     statistic: Option<f64>,
+    pass: bool,
+    severity: Severity,
+    comment: String,
 }
 
 /// What a fit errs beside the one that was served.
-fn error_ratio(checks: &[u8]) -> Result<Option<f64>, StoreError> {
-    let checks: Vec<Check> = decompress("checks", checks)?;
-    let found = checks.into_iter().find(|check| check.name == NO_WORSE_THAN_INCUMBENT);
-    Ok(found.and_then(|check| check.statistic))
+fn error_ratio(checks: &[Check]) -> Option<f64> {
+    checks.iter().find(|check| check.name == NO_WORSE_THAN_INCUMBENT)?.statistic
+}
+
+/// What kept a fit from being served: a refusal comes before a hold.
+fn stopped(checks: &[Check]) -> Option<FailedCheck> {
+    let failed = |severity| checks.iter().find(|check| !check.pass && check.severity == severity);
+    let check = failed(Severity::Reject).or_else(|| failed(Severity::Hold))?;
+    Some(FailedCheck { rule: check.name.clone(), comment: check.comment.clone() })
 }
 
 impl JobRow {
@@ -193,6 +224,11 @@ impl JobRow {
                 serde_json::from_value(verdict.into()).map_err(|error| corrupt("a verdict", &error))?;
             Ok::<_, StoreError>(BatchDiagnosis { id, verdict, named })
         };
+        let checks: Vec<Check> = match &self.checks {
+            Some(checks) => decompress("checks", checks)?,
+            None => Vec::new(),
+        };
+        let errors = |text: &str| from_json("the errors of a revision", text);
         let diagnosis = self.diagnosis.zip(self.verdict).zip(self.findings).map(read).transpose()?;
         Ok(BatchMember {
             system: parse("a system", &self.system)?,
@@ -202,7 +238,11 @@ impl JobRow {
             job: self.id,
             fit: self.fit,
             summary: self.said.or(self.summary),
-            error_ratio: self.checks.map(|checks| error_ratio(&checks)).transpose()?.flatten(),
+            error_ratio: error_ratio(&checks),
+            stopped: stopped(&checks),
+            model: self.model,
+            revision: self.revision,
+            served_error: self.served_error.as_deref().map(errors).transpose()?,
             diagnosis,
         })
     }
@@ -317,9 +357,10 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     };
     let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis, \
         f.checks, d.verdict, json_extract(d.document, '$.summary') AS said, \
-        json_extract(d.document, '$.findings') AS findings \
+        json_extract(d.document, '$.findings') AS findings, j.model, j.revision, \
+        json_extract(r.served, '$.error') AS served_error \
         FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d \
-        ON d.id = j.diagnosis \
+        ON d.id = j.diagnosis LEFT JOIN revisions r ON r.system = j.system AND r.revision = j.revision \
         WHERE b.batch = $1 ORDER BY j.sequence";
     let jobs: Vec<JobRow> = query_as(sql).bind(id).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
@@ -334,14 +375,44 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     }))
 }
 
-/// Batches submitted before a sequence number, newest first, without their jobs, of which every system that
-/// they may select lies within a reach: one page of a list.
+/// The batches of schedules that some jobs belong to and that have ended.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn ended_with(store: &Store, jobs: &[String]) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT b.id FROM batches b WHERE b.id IN (SELECT batch FROM batch_jobs WHERE job IN \
+        (SELECT value FROM json_each($1))) AND b.schedule IS NOT NULL AND b.waiting IS NULL AND NOT EXISTS \
+        (SELECT 1 FROM batch_jobs o JOIN jobs j ON j.id = o.job WHERE o.batch = b.id \
+        AND j.state IN ('queued', 'running')) ORDER BY b.sequence";
+    Ok(query_scalar(sql).bind(to_json("jobs", jobs)?).fetch_all(&store.reader).await?)
+}
+
+/// The batches of schedules that were submitted from one instant to before another, in their order, each with
+/// what was asked.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn of_schedules(
+    store: &Store,
+    from: Timestamp,
+    to: Timestamp,
+) -> Result<Vec<(String, serde_json::Value)>, StoreError> {
+    let sql = "SELECT id, request FROM batches WHERE schedule IS NOT NULL AND created_at >= $1 AND created_at < $2 \
+        ORDER BY sequence";
+    let rows: Vec<(String, String)> =
+        query_as(sql).bind(millis(from)).bind(millis(to)).fetch_all(&store.reader).await?;
+    rows.into_iter().map(|(id, request)| Ok((id, from_json("a request", &request)?))).collect()
+}
+
+/// Batches submitted before a sequence number, of schedules alone or all, newest first, without their jobs,
+/// of which every system that they may select lies within a reach: one page of a list.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn page(
     store: &Store,
     reach: &SystemScope,
+    scheduled: bool,
     before: i64,
     limit: i64,
 ) -> Result<Vec<BatchSummary>, StoreError> {
@@ -349,12 +420,18 @@ pub async fn page(
         COUNT(*) FILTER (WHERE j.state IN ('queued', 'running')) + CASE WHEN b.waiting IS NULL THEN 0 ELSE 1 \
         END AS unfinished \
         FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job \
-        WHERE b.sequence < $1 AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
+        WHERE b.sequence < $1 AND ($4 = FALSE OR b.schedule IS NOT NULL) \
+        AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
         asked \
         WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE glob(pattern.value, asked.value)))) \
         GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
-    let rows: Vec<SummaryRow> =
-        query_as(sql).bind(before).bind(limit).bind(reach.sql()?).fetch_all(&store.reader).await?;
+    let rows: Vec<SummaryRow> = query_as(sql)
+        .bind(before)
+        .bind(limit)
+        .bind(reach.sql()?)
+        .bind(scheduled)
+        .fetch_all(&store.reader)
+        .await?;
     rows.into_iter().map(SummaryRow::record).collect()
 }
 

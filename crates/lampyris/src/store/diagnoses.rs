@@ -14,7 +14,9 @@ use super::value::{from_json, instant, millis, parse, to_json, word};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ladder::Ladder;
+use lampyris_core::diagnose::library::NotTestable;
 use lampyris_core::diagnose::report::Diagnosis;
+use serde::Deserialize;
 use serde_json::Value;
 
 /// A diagnosis as it is kept.
@@ -182,4 +184,132 @@ pub async fn newest_ladder(store: &Store, system: &SystemId) -> Result<Option<La
         Ok(LadderRecord { job, fit, document: from_json("a ladder", &document)?, created_at: instant(at)? })
     })
     .transpose()
+}
+
+/// What the newest diagnosis of a system says of effects.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewestDiagnosis {
+    /// Its id.
+    pub id: String,
+    /// The model that was diagnosed.
+    pub model: String,
+    /// What is missing.
+    pub findings: Vec<NamedFinding>,
+    /// What was tried.
+    pub considered: Vec<TriedEffect>,
+    /// What the data cannot show.
+    pub not_testable: Vec<NotTestable>,
+    /// When.
+    pub created_at: Timestamp,
+}
+
+/// What is read of a finding.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct NamedFinding {
+    /// The effect that would be added.
+    pub effect: String,
+    /// A short title for people.
+    pub title: String,
+    /// Errors without and with it.
+    pub rmse: UnseenPairs,
+    /// What forecasts lose without it, of which the unit is read.
+    pub size: Option<SizeUnit>,
+}
+
+/// The errors without and with an effect, on data that were not fitted.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct UnseenPairs {
+    /// The validation part, which decides.
+    pub validation: Option<[f64; 2]>,
+    /// The test part, which no decision sees.
+    pub test: Option<[f64; 2]>,
+}
+
+/// The unit of a size.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct SizeUnit {
+    /// The output's unit.
+    pub unit: String,
+}
+
+/// What is read of an effect that was tried.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct TriedEffect {
+    /// The effect's id.
+    pub effect: String,
+    /// What became of it, in a sentence.
+    pub why: String,
+}
+
+/// A system that has a model, with its newest diagnosis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DiagnosedSystem {
+    /// The system.
+    pub system: SystemId,
+    /// The model whose fits are served now.
+    pub model: String,
+    /// Nothing where nobody has looked yet.
+    pub diagnosis: Option<NewestDiagnosis>,
+}
+
+row! {
+    struct DiagnosedRow {
+        system: String,
+        current: String,
+        id: Option<String>,
+        model: Option<String>,
+        findings: Option<String>,
+        considered: Option<String>,
+        not_testable: Option<String>,
+        created_at: Option<i64>,
+    }
+}
+
+impl DiagnosedRow {
+    fn record(self) -> Result<DiagnosedSystem, StoreError> {
+        let listed = |text: &Option<String>| text.clone().unwrap_or_else(|| "[]".to_owned());
+        let diagnosis = match (self.id, self.created_at) {
+            (Some(id), Some(at)) => Some(NewestDiagnosis {
+                id,
+                model: self.model.unwrap_or_default(),
+                findings: from_json("the findings of a diagnosis", &listed(&self.findings))?,
+                considered: from_json("what a diagnosis has tried", &listed(&self.considered))?,
+                not_testable: from_json("what a diagnosis could not try", &listed(&self.not_testable))?,
+                created_at: instant(at)?,
+            }),
+            _ => None,
+        };
+        Ok(DiagnosedSystem { system: parse("a system", &self.system)?, model: self.current, diagnosis })
+    }
+}
+
+/// Systems within a reach and a selection that have a model and come after a name, in order, each with its
+/// newest diagnosis: one page of a list.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn newest(
+    store: &Store,
+    (reach, selected): (&SystemScope, &SystemScope),
+    after: &str,
+    limit: i64,
+) -> Result<Vec<DiagnosedSystem>, StoreError> {
+    let sql = "SELECT s.system, s.model AS current, d.id, json_extract(d.document, '$.model') AS model, \
+        json_extract(d.document, '$.findings') AS findings, \
+        json_extract(d.document, '$.considered') AS considered, \
+        json_extract(d.document, '$.not_testable') AS not_testable, d.created_at \
+        FROM systems s LEFT JOIN diagnoses d ON d.system = s.system AND d.sequence = \
+        (SELECT MAX(sequence) FROM diagnoses WHERE system = s.system) \
+        WHERE s.system > $1 AND s.model <> '' \
+        AND ($3 IS NULL OR EXISTS (SELECT 1 FROM json_each($3) WHERE glob(value, s.system))) \
+        AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, s.system))) \
+        ORDER BY s.system LIMIT $2";
+    let rows: Vec<DiagnosedRow> = query_as(sql)
+        .bind(after)
+        .bind(limit)
+        .bind(reach.sql()?)
+        .bind(selected.sql()?)
+        .fetch_all(&store.reader)
+        .await?;
+    rows.into_iter().map(DiagnosedRow::record).collect()
 }

@@ -6,13 +6,15 @@ use super::engine::Session;
 use super::error::StoreError;
 use super::row::row;
 use super::statement::{query, query_as};
-use super::value::corrupt;
+use super::value::{corrupt, to_json};
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ledger::{EffectScore, LedgerEntry, LookedSpan};
+use std::collections::HashMap;
 
 row! {
     struct Row {
         diagnosis: String,
+        system: String,
         effect: String,
         model: String,
         model_hash: Option<String>,
@@ -104,4 +106,22 @@ pub async fn of(
     let rows: Vec<Row> =
         query_as(sql).bind(system.to_string()).bind(effect).bind(model).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::entry).collect()
+}
+
+/// What the windows of some systems showed, by the system's name, each in the order in which they were looked
+/// at.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn of_many(
+    store: &Store,
+    systems: &[String],
+) -> Result<HashMap<String, Vec<LedgerEntry>>, StoreError> {
+    let sql = "SELECT * FROM evidence WHERE system IN (SELECT value FROM json_each($1)) ORDER BY sequence";
+    let rows: Vec<Row> = query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    let mut all: HashMap<String, Vec<LedgerEntry>> = HashMap::new();
+    for row in rows {
+        all.entry(row.system.clone()).or_default().push(row.entry()?);
+    }
+    Ok(all)
 }

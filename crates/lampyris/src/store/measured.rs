@@ -64,6 +64,21 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
     Ok(from.zip(to))
 }
 
+/// The last sample times of some systems, by name; one of which nothing was measured is left out.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn newest(store: &Store, systems: &[String]) -> Result<BTreeMap<String, i64>, StoreError> {
+    let sql = "SELECT system, MAX(last) FROM (\
+        SELECT system, MAX(to_ms) AS last FROM days \
+        WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system UNION ALL \
+        SELECT system, MAX(to_ms) AS last FROM samples \
+        WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system) spans GROUP BY system";
+    let rows: Vec<(String, i64)> =
+        query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    Ok(rows.into_iter().collect())
+}
+
 /// The systems of which something was measured, by name.
 ///
 /// # Errors

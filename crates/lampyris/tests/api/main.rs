@@ -28,6 +28,8 @@ mod likelihood;
 mod limits;
 mod lines;
 mod models;
+mod nights;
+mod notify;
 mod operators;
 mod params;
 mod plants;

@@ -4,13 +4,16 @@
 //! measurements and `chart` writes that as lines; `diagnostics` says the same in numbers and sentences.
 //! `forecast` goes on from the newest measurement with the parameters in force, `scores` says how far off
 //! such forecasts were, and `export` writes their model for other programs. `series` is the stitched view of
-//! all windows of a system, and `preview` one simulation for whoever edits a model.
+//! all windows of a system, and `preview` one simulation for whoever edits a model. `matrix` says which
+//! systems lack which effects, and `night` what schedules have done.
 
 pub mod chart;
 pub mod comparison;
 pub mod diagnostics;
 pub mod export;
 pub mod forecast;
+pub mod matrix;
+pub mod night;
 pub mod preview;
 pub mod scores;
 pub mod series;

@@ -6,16 +6,14 @@ use crate::service::catalogue::prometheus::{self, PrometheusSource};
 use crate::service::error::ServiceError;
 use crate::service::observe::pulls::PullOutcome;
 use crate::service::state::Service;
-use crate::service::threads::blocking;
-use crate::service::trust::trust;
+use crate::service::threads::{apart, blocking};
+use crate::service::trust::agent;
 use crate::store::reach::SystemScope;
 use jiff::Timestamp;
 use lampyris_core::data::{SECOND, TimePrecision};
 use serde_json::Value;
 use std::sync::Arc;
-use std::thread;
 use std::time::Duration;
-use tokio::sync::oneshot;
 
 /// How often is looked for a source where there is none.
 const IDLE: Duration = Duration::from_secs(60);
@@ -88,7 +86,7 @@ async fn pull(
                 Sorter::new(service, &source.rules(), TimePrecision::Milliseconds, &SystemScope::ALL)
                     .map_err(said)?;
             let (asked, query) = (source.clone(), query.clone());
-            let answer = apart(move || fetch(&asked, &query, next * step, end * step)).await?;
+            let answer = apart("pull", move || fetch(&asked, &query, next * step, end * step)).await?;
             let sorted = blocking(move || {
                 sorter.sort(prometheus::points(&answer)?.into_iter().map(Ok));
                 Ok::<_, String>(sorter.sorted())
@@ -105,28 +103,11 @@ async fn pull(
     Ok(last * step)
 }
 
-/// Waits for somebody else on a thread of its own: those for short work are few, and everybody needs them.
-async fn apart<T: Send + 'static>(
-    wait: impl FnOnce() -> Result<T, String> + Send + 'static,
-) -> Result<T, String> {
-    let (sender, done) = oneshot::channel();
-    let thread = thread::Builder::new().name("pull".to_owned());
-    thread.spawn(move || sender.send(wait())).map_err(|error| format!("no thread: {error}"))?;
-    done.await.unwrap_or_else(|_| Err("the question broke off".to_owned()))
-}
-
 /// Asks for a query from one instant to another, both in milliseconds, and reads the answer. It blocks.
 fn fetch(source: &PrometheusSource, query: &str, from: i64, to: i64) -> Result<Value, String> {
-    let mut config = ureq::Agent::config_builder()
-        .http_status_as_error(false)
-        .max_redirects(0)
-        .timeout_global(Some(PATIENCE));
-    if source.url.starts_with("https://") {
-        config = config.tls_config(trust(None)?);
-    }
     let said = |error: ureq::Error| error.to_string();
     let seconds = |millis: i64| format!("{}.{:03}", millis.div_euclid(SECOND), millis.rem_euclid(SECOND));
-    let mut answer = ureq::Agent::new_with_config(config.build())
+    let mut answer = agent(&source.url, PATIENCE)?
         .get(format!("{}/api/v1/query_range", source.url.trim_end_matches('/')))
         .query("query", query)
         .query("start", seconds(from))

@@ -1,0 +1,58 @@
+// The building by the keyboard, an effect that is tried where it is missing, and the report of a night.
+import { ask, holds, test } from './harness.js';
+
+export async function building(chrome, { base }) {
+  await test(chrome, 'the_building_shows_which_rooms_lack_what_and_an_effect_is_tried_in_all_of_them', {}, async page => {
+    const { effects } = await ask(base, '/evidence/matrix');
+    const lag = effects.find(effect => effect.effect === 'sensor_lag');
+    holds(lag?.lacking > 0, `the demo has no room that lacks a sensor lag: ${JSON.stringify(effects)}`);
+    await page.goto(`${base}/ui/`);
+    await page.keyboard.press('g');
+    await page.keyboard.press('b');
+    await page.getByRole('listitem').filter({ hasText: /rooms?$/m }).first().waitFor();
+    await page.getByText(lag.sentence.slice(1)).waitFor();
+    // Arrow keys walk over the grid, what a cell says is read out and shown, and Enter opens the room.
+    const grid = page.getByRole('grid', { name: 'Effects beside rooms' });
+    const rows = await grid.getByRole('row').count();
+    holds(rows > 2, `the grid has ${rows} rows`);
+    const place = () => page.evaluate(() => document.activeElement.dataset.at);
+    await grid.locator('a[tabindex="0"]').first().focus();
+    await page.keyboard.press('ArrowRight');
+    await page.keyboard.press('ArrowDown');
+    holds((await place()) === '1,1', `the focus is at ${await place()}`);
+    await page.keyboard.press('Home');
+    await page.keyboard.press('ArrowUp');
+    holds((await place()) === '0,0', `the focus is at ${await place()}`);
+    const name = await page.evaluate(() => document.activeElement.getAttribute('aria-label'));
+    await page.keyboard.press('Enter');
+    await page.waitForURL(`**/ui/systems/${name.split(',')[0]}/missing`);
+    await page.goBack();
+
+    // One press; a page that is opened again goes on, and each room ends with a reason or the effect.
+    await page.locator('.lacked li', { hasText: lag.title }).getByRole('button', { name: /^Try it in/ }).click();
+    const trial = page.getByRole('region', { name: /^Sensor lag in/ });
+    await trial.getByText('tries it').first().waitFor();
+    await page.reload();
+    await trial.getByText(/^\S+ Sensor lag: \d+ of \d+ took it/).waitFor();
+    const [, took] = /(\d+) of/.exec(await trial.locator('[role=status]').innerText());
+    const after = (await ask(base, '/evidence/matrix')).effects.find(effect => effect.effect === 'sensor_lag');
+    holds(after.in_model === lag.in_model + Number(took), JSON.stringify(after));
+    await trial.getByRole('button', { name: 'Close' }).click();
+    await trial.waitFor({ state: 'detached' });
+  });
+
+  await test(chrome, 'a_morning_says_what_the_night_came_to', {}, async page => {
+    const { items } = await ask(base, '/nights');
+    holds(items.length > 0, 'no schedule has done anything');
+    const night = await ask(base, `/nights/${items[0].night}`);
+    await page.goto(`${base}/ui/mornings`);
+    await page.locator('tbody a').first().click();
+    await page.getByText(night.summary).waitFor();
+    await page.getByRole('heading', { name: 'What to do next' }).waitFor();
+    holds((await page.locator('ol.next > li').count()) === night.next.length, 'steps are left out');
+    const mail = await fetch(`${base}/nights/${items[0].night}`, { headers: { accept: 'text/html' } });
+    const shown = await page.context().newPage();
+    await shown.setContent(await mail.text());
+    await shown.getByText(night.summary).waitFor();
+  });
+}

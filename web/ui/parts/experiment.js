@@ -1,0 +1,23 @@
+// Fits that change nothing that is served: a model is tried on the measurements, and on the split, of a diagnosis.
+import { ask, post } from '../api.js';
+
+/** A model with one effect more. */
+export const grownBy = (model, effect) => post(`/models/${encodeURIComponent(model)}/effects`, { effect });
+
+/** Starts the fit of a model as an experiment; `request` is that of the job that diagnosed. Gives the job. */
+export async function experiment(system, model, { split, window, objective, prior, bounds, fixed }) {
+  const own = (await ask(`/models/${encodeURIComponent(model)}`)).parameters.map(parameter => parameter.name);
+  const within = values => Object.fromEntries(Object.entries(values ?? {}).filter(([parameter]) => own.includes(parameter)));
+  return post('/jobs', {
+    kind: 'estimate',
+    system,
+    model,
+    experiment: true,
+    split,
+    objective,
+    prior,
+    bounds: within(bounds),
+    fixed: within(fixed),
+    ...(window ? { window } : {}),
+  });
+}
