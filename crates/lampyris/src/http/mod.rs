@@ -35,6 +35,7 @@ mod metrics;
 mod models;
 mod negotiate;
 mod origin;
+mod overview;
 mod page;
 mod params;
 mod patience;
