@@ -78,15 +78,17 @@ export function start() {
   listen('/events', (kind, data) => listeners.forEach(listener => listener(kind, data)), setConnected);
 }
 
+/** Calls `hear(kind, data)` for every event until the function that it gives is called. */
+export function onEvents(hear) {
+  listeners.add(hear);
+  return () => listeners.delete(hear);
+}
+
 /** Calls `hear(kind, data)` for every event; `data` is a job, or says which `job` it is about. */
 export function useEvents(hear) {
   const latest = useRef(hear);
   latest.current = hear;
-  useEffect(() => {
-    const listener = (kind, data) => latest.current(kind, data);
-    listeners.add(listener);
-    return () => listeners.delete(listener);
-  }, []);
+  useEffect(() => onEvents((kind, data) => latest.current(kind, data)), []);
 }
 
 /** Whether the stream stands: null before it first did. */

@@ -29,6 +29,12 @@ export function go(to, { replace = false } = {}) {
   listeners.forEach(listener => listener());
 }
 
+/** Keeps something with this step of the history, for whoever comes back to it. */
+export const keepPlace = place => history.replaceState({ ...history.state, place }, '', location.href);
+
+/** What was kept with it. */
+export const keptPlace = () => history.state?.place ?? null;
+
 /** Changes parts of the query and leaves the others; a null takes one away. */
 export function setQuery(changes, { replace = true } = {}) {
   const { parts, query } = here();

@@ -16,7 +16,7 @@ use crate::service::serving::arrivals::Arrivals;
 use crate::service::serving::kept::LiveSystems;
 use crate::service::serving::said::SaidForecasts;
 use crate::service::serving::snapshot::Snapshot;
-use crate::service::serving::{degradations, keeping, params, pull};
+use crate::service::serving::{degradations, keeping, listing, params, pull};
 use crate::service::work::board::ProgressBoard;
 use crate::service::work::interactive::Interactive;
 use crate::service::work::membership::Membership;
@@ -213,6 +213,7 @@ impl App {
                 tasks.spawn(open::run(service.clone()));
                 tasks.spawn(pull::run(service.clone()));
                 tasks.spawn(notify::run(service.clone()));
+                tasks.spawn(listing::run(service.clone()));
             }
             tasks.spawn(keeping::run(service.clone()));
             if service.store.is_shared() {

@@ -1,6 +1,6 @@
 // Add an effect, watch the refit, see the error fall - or read that it did not. All of it on the page where one is.
 import { html, useState, useEffect } from '../html.js';
-import { ask, useResource, post } from '../api.js';
+import { ask, useResource } from '../api.js';
 import { setQuery, here } from '../router.js';
 import { number, fixed, horizon, titleFor } from '../format.js';
 import { Frame } from '../parts/frame.js';

@@ -49,5 +49,5 @@ mod unexplained;
 mod ways;
 
 pub use error::DiagnoseError;
-pub use findings::{diagnose, preview};
+pub use findings::{ADEQUATE_RHO, diagnose, preview};
 pub use report::{Adequacy, Diagnosis, Finding};

@@ -11,6 +11,7 @@ use crate::store;
 use crate::store::decisions::Decision;
 use crate::store::fits::{FitEntry, FitRecord};
 use axum::extract::{Path, State};
+use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::Fit;
@@ -90,10 +91,9 @@ struct FitRow {
     waits_for_operator: bool,
     /// Errors by output channel.
     #[schema(value_type = HashMap<String, OutputMetrics>)]
-    metrics: Value,
+    metrics: IndexMap<String, OutputMetrics>,
     /// The parts of the window.
-    #[schema(value_type = Parts)]
-    parts: Value,
+    parts: Parts,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
 }

@@ -38,6 +38,7 @@ mod morning;
 mod negotiate;
 mod nights;
 mod origin;
+mod overview;
 mod page;
 mod params;
 mod patience;

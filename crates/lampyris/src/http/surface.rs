@@ -6,8 +6,8 @@ use super::shared::Shared;
 use super::{
     access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
     evidence, export, extract, fits, forecast, history, influx, jobs, language, layout, matrix, metrics,
-    models, nights, params, preview, problem, prometheus, samples, schedules, series, service, state,
-    systems, web, windows,
+    models, nights, overview, params, preview, problem, prometheus, samples, schedules, series, service,
+    state, systems, web, windows,
 };
 use axum::Router;
 use axum::extract::Request;
@@ -53,6 +53,7 @@ fn patient() -> OpenApiRouter<Shared> {
 /// All others.
 fn layered() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
+        .merge(overview::router())
         .merge(systems::router())
         .merge(windows::router())
         .merge(influx::router())

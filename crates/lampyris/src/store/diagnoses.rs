@@ -15,8 +15,8 @@ use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ladder::Ladder;
 use lampyris_core::diagnose::library::NotTestable;
-use lampyris_core::diagnose::report::Diagnosis;
-use serde::Deserialize;
+use lampyris_core::diagnose::report::{Adequacy, Diagnosis, EffectSize, Finding};
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// A diagnosis as it is kept.
@@ -81,6 +81,24 @@ impl Row {
     }
 }
 
+/// The first effect that a diagnosis has named.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MissingEffect {
+    /// The effect's id.
+    pub effect: String,
+    /// A short title for people.
+    pub title: String,
+    /// What a forecast loses without it, where that is known.
+    pub size: Option<EffectSize>,
+}
+
+impl MissingEffect {
+    fn of(diagnosis: &Diagnosis) -> Option<Self> {
+        let Finding { effect, title, size, .. } = diagnosis.findings.first()?;
+        Some(Self { effect: effect.clone(), title: title.clone(), size: size.clone() })
+    }
+}
+
 /// What a job found out with the help of its fit.
 #[derive(Debug)]
 pub enum Report {
@@ -109,8 +127,10 @@ pub(super) async fn keep(
                 fit: Some(fit.to_owned()),
                 ..Diagnosis::clone(diagnosis)
             };
-            let sql = "INSERT INTO diagnoses (id, sequence, job, system, fit, verdict, document, created_at)
-                       VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
+            let sql = "INSERT INTO diagnoses (id, sequence, job, system, fit, verdict, document, created_at, \
+                missing) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
+            let missing = MissingEffect::of(&named).filter(|_| named.verdict == Adequacy::Named);
+            let missing = missing.map(|missing| to_json("a missing effect", &missing)).transpose()?;
             query(sql)
                 .bind(&id)
                 .bind(sequence)
@@ -120,6 +140,7 @@ pub(super) async fn keep(
                 .bind(word(&named.verdict)?)
                 .bind(to_json("a diagnosis", &named)?)
                 .bind(millis(now))
+                .bind(missing)
                 .execute(&mut *tx)
                 .await?;
             evidence::keep(tx, system, sequence, &named.entries(&id, Some(model_hash))).await?;

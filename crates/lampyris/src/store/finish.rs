@@ -236,8 +236,9 @@ async fn keep_fit(
     let JudgedFit { fit, judgement, packed, .. } = finding;
     let system = leased.system.as_str();
     let id = id_of("fit", &format!("{} {}", lease.job, lease.attempt));
+    let in_trend = counts && finding.report.is_none();
     let sql = "INSERT INTO fits (id, job, system, model, document, replay, verdict, checks, summary, \
-        created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)";
+        created_at, listed, validation_rmse) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)";
     query(sql)
         .bind(&id)
         .bind(&lease.job)
@@ -249,6 +250,8 @@ async fn keep_fit(
         .bind(&packed.checks)
         .bind(&judgement.summary)
         .bind(millis(now))
+        .bind(&packed.listed.listed)
+        .bind(packed.listed.validation_rmse.filter(|_| in_trend))
         .execute(&mut *tx)
         .await?;
     // Windows that a running job may read cannot be deleted; should one be gone nevertheless, the fit still

@@ -6,16 +6,16 @@ use super::packed::{compress, decompress};
 use super::page;
 use super::reach::SystemScope;
 use super::row::row;
-use super::statement::query_as;
-use super::value::{instant, parse, to_json};
+use super::statement::{query, query_as};
+use super::value::{from_json, instant, parse, to_json};
+use indexmap::IndexMap;
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::Fit;
-use lampyris_core::estimate::fit::TracePoint;
 use lampyris_core::estimate::fit::covariance::Covariance;
+use lampyris_core::estimate::fit::{OutputMetrics, Parts, TracePoint};
 use lampyris_core::estimate::gate::check::CheckResult;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
 
 /// A fit as it is kept.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,9 +56,9 @@ pub struct FitEntry {
     /// One plain sentence.
     pub summary: String,
     /// Errors by output channel.
-    pub metrics: serde_json::Value,
+    pub metrics: IndexMap<String, OutputMetrics>,
     /// The parts of the window.
-    pub parts: serde_json::Value,
+    pub parts: Parts,
     /// Whether its parameters are served now.
     pub served: bool,
     /// Whether it waits for an operator's word.
@@ -137,6 +137,8 @@ pub struct PackedFit {
     pub(super) replay: Vec<u8>,
     /// What the gate has looked at.
     pub(super) checks: Vec<u8>,
+    /// What lists read of it.
+    pub(super) listed: ListedColumns,
 }
 
 impl PackedFit {
@@ -151,34 +153,126 @@ impl PackedFit {
             document: compress("a fit", &rest)?,
             replay: compress("the way to a fit", &replay)?,
             checks: compress("checks", checks)?,
+            listed: ListedColumns::new(&ListedFit::of(fit))?,
         })
     }
 }
 
-/// In which circumstances the served fits of these systems fail most, of those where some stand out.
+/// What lists read of a fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ListedFit {
+    /// Errors by output channel.
+    pub metrics: IndexMap<String, OutputMetrics>,
+    /// The parts of the window.
+    pub parts: Parts,
+    /// In which circumstances it fails most, in a sentence.
+    #[serde(default)]
+    pub worst_regime: Option<String>,
+}
+
+impl ListedFit {
+    fn of(fit: &Fit) -> Self {
+        Self {
+            metrics: fit.metrics.clone(),
+            parts: fit.parts.clone(),
+            worst_regime: fit.worst_regime.clone(),
+        }
+    }
+
+    /// The validation error of the first output, unless a part was kept aside for a test: such fits are judged
+    /// on other weeks than those before and after them.
+    fn validation_rmse(&self) -> Option<f64> {
+        let first = self.metrics.values().next().filter(|_| self.parts.test.is_none())?;
+        first.validation_rmse.filter(|rmse| rmse.is_finite())
+    }
+}
+
+/// What lists read of a fit, as its row has it.
+#[derive(Debug, Clone)]
+pub struct ListedColumns {
+    /// All of it, JSON.
+    pub(super) listed: String,
+    /// What stands in the trend of its system, if it counts there.
+    pub(super) validation_rmse: Option<f64>,
+}
+
+impl ListedColumns {
+    fn new(listed: &ListedFit) -> Result<Self, StoreError> {
+        Ok(Self { listed: to_json("what lists read", listed)?, validation_rmse: listed.validation_rmse() })
+    }
+}
+
+/// What lists read of a fit, not read yet: a short text, or in a row of an earlier program the document.
+#[derive(Debug, Clone)]
+pub struct FitText {
+    listed: Option<String>,
+    document: Option<Vec<u8>>,
+}
+
+impl FitText {
+    pub(super) fn new(listed: Option<String>, document: Option<Vec<u8>>) -> Self {
+        Self { listed, document }
+    }
+
+    /// Reads it. Of a document this is work for a blocking thread.
+    ///
+    /// # Errors
+    /// Where the row holds something else.
+    pub fn read(&self) -> Result<ListedFit, StoreError> {
+        match &self.listed {
+            Some(listed) => from_json("what lists read", listed),
+            None => decompress("a fit", self.document.as_deref().unwrap_or_default()),
+        }
+    }
+
+    /// Its columns, for a row that has none yet.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn columns(&self) -> Result<ListedColumns, StoreError> {
+        ListedColumns::new(&self.read()?)
+    }
+}
+
+/// A fit of an earlier program, whose row says nothing for lists.
+#[derive(Debug, Clone)]
+pub struct UnlistedFit {
+    /// Its id.
+    pub id: String,
+    /// Its document.
+    pub text: FitText,
+    /// Whether it is one of those that tell how a system fares over time.
+    pub in_trend: bool,
+}
+
+/// Some fits whose rows say nothing for lists.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn worst_regimes(store: &Store, systems: &[String]) -> Result<HashMap<String, String>, StoreError> {
-    let sql = "SELECT r.system, f.document FROM revisions r JOIN fits f ON f.id = r.fit WHERE r.current AND r.system \
-        IN (SELECT value FROM json_each($1))";
-    let rows: Vec<(String, Vec<u8>)> =
-        query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
-    let mut worst = HashMap::new();
-    for (system, document) in rows {
-        let Listed { worst_regime, .. } = decompress("a fit", &document)?;
-        worst.extend(worst_regime.map(|regime| (system, regime)));
-    }
-    Ok(worst)
+pub async fn unlisted(store: &Store, limit: i64) -> Result<Vec<UnlistedFit>, StoreError> {
+    let sql = "SELECT f.id, f.document, j.kind = 'estimate' AND NOT j.experiment AS in_trend FROM fits f \
+        JOIN jobs j ON j.id = f.job WHERE f.listed IS NULL LIMIT $1";
+    let rows: Vec<(String, Vec<u8>, bool)> = query_as(sql).bind(limit).fetch_all(&store.reader).await?;
+    let unlisted =
+        |(id, document, in_trend)| UnlistedFit { id, text: FitText::new(None, Some(document)), in_trend };
+    Ok(rows.into_iter().map(unlisted).collect())
 }
 
-/// What a list reads of a fit.
-#[derive(Deserialize)]
-struct Listed {
-    metrics: serde_json::Value,
-    parts: serde_json::Value,
-    #[serde(default)]
-    worst_regime: Option<String>,
+/// Writes what lists read of such fits into their rows.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn list(store: &Store, fits: &[(String, ListedColumns, bool)]) -> Result<(), StoreError> {
+    let mut tx = store.write().await?;
+    for (id, ListedColumns { listed, validation_rmse }, in_trend) in fits {
+        query("UPDATE fits SET listed = $2, validation_rmse = $3 WHERE id = $1 AND listed IS NULL")
+            .bind(id)
+            .bind(listed)
+            .bind(validation_rmse.filter(|_| *in_trend))
+            .execute(&mut *tx)
+            .await?;
+    }
+    tx.commit().await
 }
 
 row! {
@@ -190,7 +284,8 @@ row! {
         model: String,
         verdict: String,
         summary: String,
-        document: Vec<u8>,
+        listed: Option<String>,
+        document: Option<Vec<u8>>,
         served: bool,
         waits: bool,
         created_at: i64,
@@ -199,7 +294,7 @@ row! {
 
 impl EntryRow {
     fn entry(self) -> Result<FitEntry, StoreError> {
-        let Listed { metrics, parts, .. } = decompress("a fit", &self.document)?;
+        let ListedFit { metrics, parts, .. } = FitText::new(self.listed, self.document).read()?;
         Ok(FitEntry {
             system: parse("a system", &self.system)?,
             metrics,
@@ -232,7 +327,8 @@ pub async fn page(
         ($whose:literal) => {
             concat!(
                 "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at, \
-                f.document, EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served, \
+                f.listed, CASE WHEN f.listed IS NULL THEN f.document END AS document, \
+                EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served, \
                 EXISTS (SELECT 1 FROM offers o WHERE o.fit = f.id) AND NOT EXISTS (SELECT 1 FROM decisions d \
                 WHERE d.fit = f.id) AS waits FROM fits f WHERE ",
                 $whose,

@@ -27,6 +27,7 @@
 //! | `finish` | the end of a job: job, fit, verdict and revision in one transaction |
 //! | `batches` | recalibrations and diagnoses of several systems |
 //! | `fits` | what was found, with its verdict |
+//! | `overview` | what a list of systems reads of each |
 //! | `diagnoses` | which effects models are missing, and the error ladders |
 //! | `evidence` | what every window showed of every effect, for longer than its diagnosis |
 //! | `params` | what is served, with all that is said of it |
@@ -87,6 +88,7 @@ pub mod models;
 mod months;
 pub mod moving;
 mod open_rows;
+pub mod overview;
 mod packed;
 mod page;
 pub mod params;

@@ -8,7 +8,7 @@ use super::reach::SystemScope;
 use super::revisions::retire;
 use super::row::row;
 use super::statement::{query, query_as, query_scalar};
-use super::value::{instant, millis, parse};
+use super::value::{instant, millis, parse, to_json};
 use super::windows::{readers, reads};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
@@ -315,6 +315,22 @@ pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId
 pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
     let sql = "SELECT * FROM systems ORDER BY system";
     let rows: Vec<Row> = query_as(sql).fetch_all(&store.reader).await?;
+    rows.into_iter().map(Row::record).collect()
+}
+
+/// Those of some systems that are there and within a reach, by name.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn some(
+    store: &Store,
+    reach: &SystemScope,
+    systems: &[SystemId],
+) -> Result<Vec<SystemRecord>, StoreError> {
+    let sql = "SELECT * FROM systems WHERE system IN (SELECT value FROM json_each($1)) \
+        AND ($2 IS NULL OR EXISTS (SELECT 1 FROM json_each($2) WHERE glob(value, system))) ORDER BY system";
+    let rows: Vec<Row> =
+        query_as(sql).bind(to_json("systems", systems)?).bind(reach.sql()?).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
 

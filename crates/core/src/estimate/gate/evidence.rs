@@ -50,7 +50,8 @@ pub enum Role {
 }
 
 impl Role {
-    pub(super) fn of(channel: &str) -> Self {
+    /// What the input of a channel does.
+    pub fn of(channel: &str) -> Self {
         let weather = ["T_out", "sun_", "irradiance", "cloud_cover", "wind_"];
         match channel {
             channel if weather.iter().any(|start| channel.starts_with(start)) => Role::Weather,

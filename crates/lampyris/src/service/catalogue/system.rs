@@ -18,6 +18,8 @@ use utoipa::ToSchema;
 
 /// The longest name for people.
 const LONGEST_LABEL: usize = 200;
+/// The longest path of a group.
+const LONGEST_GROUP: usize = 200;
 /// Most letters of the name of a tenant.
 const LONGEST_TENANT: usize = 64;
 
@@ -32,6 +34,10 @@ pub struct SystemDocument {
     /// A name for people.
     #[serde(default)]
     pub label: String,
+    /// Where people look for it: a building, a floor, a process line, the levels with `/` between them.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    #[schema(max_length = 200, example = "North house/Floor 2")]
+    pub group: String,
     /// Whose it is, where several share a service: tenants take turns in the queue, a job of one after a job
     /// of the other, however many each has. 1 to 64 letters, digits, `_` and `-`.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -308,6 +314,7 @@ impl SystemDocument {
                 format!("a label has at most {LONGEST_LABEL} characters"),
             ));
         }
+        faults.extend(self.group_fault());
         for (channel, column) in self
             .channels
             .iter()
@@ -378,6 +385,21 @@ impl SystemDocument {
 }
 
 impl SystemDocument {
+    /// A path of a group that is too long, or whose levels are no names.
+    fn group_fault(&self) -> Option<Fault> {
+        if self.group.chars().count() > LONGEST_GROUP {
+            let detail = format!("a group has at most {LONGEST_GROUP} characters");
+            return Some(Fault::new("/group", "too-long", detail));
+        }
+        let is_name = |level: &str| {
+            !level.is_empty() && level == level.trim() && !level.contains(|letter: char| letter.is_control())
+        };
+        (!self.group.is_empty() && !self.group.split('/').all(is_name)).then(|| {
+            let detail = "every level of a group is a name, without spaces around it";
+            Fault::new("/group", "invalid-name", detail).suggest("such as `North house/Floor 2`")
+        })
+    }
+
     /// Sets that its model does not have, and members that cannot be part of a name.
     fn set_faults(&self, catalogue: &Catalogue) -> Vec<Fault> {
         let mut faults = Vec::new();

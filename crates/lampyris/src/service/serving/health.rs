@@ -1,21 +1,23 @@
-//! How a system fares, in a word and a sentence: what a list of systems is for.
+//! How a system fares, in a word and a sentence, and what somebody can do about it: what a list of systems is
+//! for.
 //!
-//! It is read off the body that `/params` serves, so that the two cannot disagree, and off the newest job.
+//! What is served is read off the body of `/params`, so that the two cannot disagree. Quality decides and not
+//! age: what newer measurements contradict, effects that a diagnosis has named, errors beyond the noise or
+//! beyond holding the last measurement. `attention` is only told where there is a next step.
 
 use super::body::Rendered;
-use crate::store::jobs::{JobRecord, JobState, Outcome};
+use crate::store::fits::ListedFit;
+use crate::store::jobs::{JobKind, JobRecord, JobState, Outcome};
+use crate::store::overview::PresentDiagnosis;
 use indexmap::IndexMap;
-use jiff::Timestamp;
-use lampyris_core::data::Duration;
+use jiff::{SignedDuration, Timestamp};
+use lampyris_core::data::{Duration, SystemId};
+use lampyris_core::diagnose::{ADEQUATE_RHO, Adequacy};
+use lampyris_core::estimate::fit::{AheadError, OutputMetrics};
+use lampyris_core::estimate::gate::evidence::Role;
 use lampyris_core::estimate::gate::served::ServedError;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// A flag about single parameters that takes nothing from the forecasts.
-const HARMLESS: [&str; 2] = ["non_identifiable:", "undetermined:"];
-
-/// What is wrong with a system whose parameters are stale.
-const OLD: &str = "The parameters, or the measurements behind them, are older than the policy wants";
 
 /// How a system fares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
@@ -23,12 +25,82 @@ const OLD: &str = "The parameters, or the measurements behind them, are older th
 pub enum Health {
     /// Nothing to do.
     Ok,
-    /// Somebody should look at it in daylight.
+    /// Somebody can do something about it: the next step says what.
     Attention,
     /// What is served is not to be relied on, or nothing can be served.
     Bad,
     /// Nothing was ever validated, and nothing has failed yet.
     Unknown,
+}
+
+/// What somebody can do about a system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[schema(as = NextStepCode)]
+pub enum NextCode {
+    /// Nothing.
+    None,
+    /// Wait for a job that waits or runs.
+    Wait,
+    /// Add an effect that a diagnosis has named.
+    AddEffect,
+    /// Find out what the model is missing.
+    Diagnose,
+    /// Estimate again.
+    Refit,
+    /// Decide on a fit that waits for an operator.
+    Promote,
+    /// Release the parameters that an operator holds.
+    Unpin,
+    /// Send measurements.
+    Upload,
+    /// Look at what is named: nobody but a person can judge it.
+    Look,
+}
+
+/// The next step with a system.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct NextStep {
+    /// What to do, in a word that stays.
+    pub code: NextCode,
+    /// The same for people.
+    #[schema(example = "Add wind infiltration")]
+    pub text: String,
+    /// Where on the page.
+    #[schema(example = "/ui/systems/room/4/missing")]
+    pub href: String,
+}
+
+/// How a system fares, why, and what to do about it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Standing {
+    /// In a word.
+    pub health: Health,
+    /// Why, in a sentence.
+    pub why: String,
+    /// What to do.
+    pub next: NextStep,
+}
+
+/// What is known of a system.
+#[derive(Debug, Clone, Copy)]
+pub struct Facts<'a> {
+    /// The system.
+    pub system: &'a SystemId,
+    /// What is served.
+    pub served: Option<&'a Served>,
+    /// Its newest job.
+    pub newest: Option<&'a JobRecord>,
+    /// The fit that is served; where none is, the newest of its model.
+    pub fit: Option<&'a ListedFit>,
+    /// The newest diagnosis of its model.
+    pub diagnosis: Option<&'a PresentDiagnosis>,
+    /// The instant of its newest sample.
+    pub measured_to: Option<Timestamp>,
+    /// How old its measurements may be.
+    pub stale_after: Duration,
+    /// Now.
+    pub now: Timestamp,
 }
 
 /// What the list says of what is served.
@@ -52,6 +124,7 @@ pub struct Served {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 struct FallbackReason {
     reason: String,
+    job: String,
 }
 
 impl Served {
@@ -61,166 +134,291 @@ impl Served {
     }
 }
 
-/// The forecast error at a horizon, or at the longest one below it that is known; else at the shortest.
-pub fn ahead(error: &ServedError, horizon: Duration) -> Option<(&str, f64)> {
-    let known = || {
-        error
-            .ahead
-            .iter()
-            .filter_map(|(name, rmse)| Some((name.parse::<Duration>().ok()?, name.as_str(), *rmse)))
-    };
+/// What is known at a horizon, or at the longest one below it that is known; else at the shortest.
+pub fn ahead<T>(known: &IndexMap<String, T>, horizon: Duration) -> Option<(&str, &T)> {
+    let known = || known.iter().filter_map(|(name, of)| Some((name.parse::<Duration>().ok()?, name, of)));
     let below = known().filter(|(length, ..)| *length <= horizon).max_by_key(|(length, ..)| *length);
-    below.or_else(|| known().min_by_key(|(length, ..)| *length)).map(|(_, name, rmse)| (name, rmse))
+    below.or_else(|| known().min_by_key(|(length, ..)| *length)).map(|(_, name, of)| (name.as_str(), of))
 }
 
-/// How a system fares, and why.
-pub fn health(served: Option<&Served>, newest: Option<&JobRecord>) -> (Health, String) {
-    // An experiment says nothing about what is served.
-    let newest = newest.filter(|job| !job.experiment);
-    let Some(served) = served else {
-        return never_validated(newest);
+/// The output whose error is farthest above what noise would leave; the first where nothing says that.
+pub fn worst_output(metrics: &IndexMap<String, OutputMetrics>) -> Option<(&str, &OutputMetrics)> {
+    let far = |metrics: &OutputMetrics| metrics.rho.unwrap_or(f64::NEG_INFINITY);
+    // Of equals the first.
+    let worst = metrics.iter().rev().max_by(|(_, a), (_, b)| far(a).total_cmp(&far(b)))?;
+    Some((worst.0, worst.1))
+}
+
+/// How a system fares, why, and what to do about it.
+pub fn standing(facts: &Facts) -> Standing {
+    let standing = match facts.served {
+        Some(served) => facts.of_served(served),
+        None => facts.never_validated(),
     };
-    let waits = newest
-        .filter(|job| served.job.as_ref() != Some(&job.id))
-        .is_some_and(|job| matches!(job.state.outcome(), Some(Outcome::Held | Outcome::Suggested)));
-    let failure = served.fallback.as_ref().map(|fallback| match fallback.reason.as_str() {
-        "validation_failed" => "the newest fit was rejected",
-        _ => "the newest job failed",
-    });
-    let asks = |flag: &&str| !HARMLESS.iter().any(|harmless| flag.starts_with(harmless));
-    let flags: Vec<&str> = served.flags.iter().map(String::as_str).filter(asks).collect();
-    match (served.status.as_str(), failure) {
-        ("degraded", _) => {
-            (Health::Bad, "The error on new measurements is far above that of the validation.".to_owned())
-        }
-        ("stale", Some(failure)) => (Health::Bad, format!("{OLD}, and {failure}.")),
-        ("stale", None) => (Health::Attention, format!("{OLD}.")),
-        ("pinned", _) => (Health::Attention, "An operator holds the parameters.".to_owned()),
-        (_, Some(failure)) => (Health::Attention, format!("The previous parameters are served: {failure}.")),
-        (_, None) if waits => (Health::Attention, "A fit waits for an operator.".to_owned()),
-        (_, None) if !flags.is_empty() => {
-            (Health::Attention, format!("The gate has flagged the parameters: {}.", flags.join(", ")))
-        }
-        (_, None) => (Health::Ok, "The parameters are fresh.".to_owned()),
+    match facts.under_way() {
+        Some(kind) if is_about(standing.next.code, kind) => Standing { next: facts.wait(), ..standing },
+        _ => standing,
     }
 }
 
-fn never_validated(newest: Option<&JobRecord>) -> (Health, String) {
-    let Some(job) = newest else {
-        return (Health::Unknown, "Nothing was estimated yet.".to_owned());
-    };
-    let (health, why) = match &job.state {
-        JobState::Queued { .. } | JobState::Running { .. } => {
-            (Health::Unknown, "the newest job has not ended")
-        }
-        JobState::Cancelled { .. } => (Health::Unknown, "the newest job was cancelled"),
-        JobState::Failed { .. } => (Health::Bad, "the newest job failed"),
-        JobState::Succeeded { result, .. } => match result.outcome() {
-            Some(Outcome::Held | Outcome::Suggested) => (Health::Attention, "a fit waits for an operator"),
-            Some(Outcome::Rejected) => (Health::Bad, "the newest fit was rejected"),
-            _ => (Health::Unknown, "the newest fit does not count for what is served"),
-        },
-    };
-    (health, format!("No fit was ever accepted, and {why}."))
+/// How a site fares that has no model and only holds measurements.
+pub fn standing_of_site(facts: &Facts) -> Standing {
+    facts.not_measured().unwrap_or_else(|| {
+        let why = "Its measurements are shared; there is nothing to estimate.";
+        facts.stands(Health::Ok, why, facts.nothing())
+    })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::store::jobs::{Ended, FoundFit, JobFailure, JobKind, JobResult, Origin, Priority};
+/// Whether a job of this kind is the step itself.
+fn is_about(code: NextCode, kind: JobKind) -> bool {
+    matches!((code, kind), (NextCode::Refit, JobKind::Estimate) | (NextCode::Diagnose, JobKind::Diagnose))
+}
 
-    fn served(change: serde_json::Value) -> Served {
-        let mut body = serde_json::json!({
-            "system": "room/4", "status": "fresh", "job": "job_1", "fallback": null, "flags": [],
-            "fitted_at": "2026-01-01T00:00:00Z",
-            "validated_at": "2026-01-02T00:00:00Z", "stale_after": null,
-            "error": {"T_room": {
-                "unit": "K", "train_rmse": 0.2, "validation_rmse": 0.3,
-                "ahead": {"PT1H": 0.1, "PT6H": 0.2, "PT24H": 0.3}
-            }},
-        });
-        body.as_object_mut().unwrap().extend(change.as_object().unwrap().clone());
-        serde_json::from_value(body).unwrap()
+impl Facts<'_> {
+    fn stands(&self, health: Health, why: impl Into<String>, next: NextStep) -> Standing {
+        Standing { health, why: why.into(), next }
     }
 
-    const ENDED: Ended = Ended { started_at: None, at: Timestamp::UNIX_EPOCH, sequence: None };
-
-    fn failed() -> JobState {
-        let failure = JobFailure { code: "panic".into(), detail: String::new(), errors: Vec::new() };
-        JobState::Failed { failure, ended: ENDED }
+    /// A step that is taken at a tab of the system's page.
+    fn step(&self, code: NextCode, text: impl Into<String>, tab: &str) -> NextStep {
+        NextStep { code, text: text.into(), href: format!("/ui/systems/{}{tab}", self.system) }
     }
 
-    fn succeeded(outcome: Outcome) -> JobState {
-        let (id, stopped_by) = ("fit_2".into(), "budget".into());
-        let found = FoundFit { id, revision: None, stopped_by, evaluations: 600 };
-        JobState::Succeeded { result: JobResult::Estimated { outcome, found }, ended: ENDED }
+    fn nothing(&self) -> NextStep {
+        self.step(NextCode::None, "Nothing to do", "")
     }
 
-    fn job(state: JobState) -> JobRecord {
-        JobRecord {
-            id: "job_2".into(),
-            sequence: 2,
-            kind: JobKind::Estimate,
-            system: "room/4".parse().unwrap(),
-            model: "rc2".parse().unwrap(),
-            request: serde_json::Value::Null,
-            experiment: false,
-            origin: Origin::Posted,
-            priority: Priority::Operator,
-            created_at: Timestamp::UNIX_EPOCH,
-            attempt: 1,
-            retry_of: None,
-            state,
+    /// The newest job that says something about what is served: an experiment does not.
+    fn newest(&self) -> Option<&JobRecord> {
+        self.newest.filter(|job| !job.experiment)
+    }
+
+    /// The kind of the newest job while it waits or runs.
+    fn under_way(&self) -> Option<JobKind> {
+        let is_open =
+            |job: &&JobRecord| matches!(job.state, JobState::Queued { .. } | JobState::Running { .. });
+        self.newest().filter(is_open).map(|job| job.kind)
+    }
+
+    fn wait(&self) -> NextStep {
+        self.at_job(
+            NextCode::Wait,
+            "Wait for the job that is under way",
+            self.newest().map(|job| job.id.as_str()),
+        )
+    }
+
+    fn at_job(&self, code: NextCode, text: &str, job: Option<&str>) -> NextStep {
+        match job {
+            Some(job) => NextStep { code, text: text.to_owned(), href: format!("/ui/jobs/{job}") },
+            None => self.step(code, text, ""),
         }
     }
 
-    #[test]
-    fn what_is_served_decides_first() {
-        let word = |change: serde_json::Value| health(Some(&served(change)), None).0;
-        let reason = |reason: &str| serde_json::json!({"reason": reason, "job": "job_2"});
-        assert_eq!(word(serde_json::json!({})), Health::Ok);
-        let harmless = serde_json::json!({"flags": ["non_identifiable:beta_e", "undetermined:alpha_e"]});
-        assert_eq!(word(harmless), Health::Ok);
-        assert_eq!(word(serde_json::json!({"flags": ["at_bound:alpha_e"]})), Health::Attention);
-        assert_eq!(word(serde_json::json!({"status": "stale"})), Health::Attention);
-        assert_eq!(word(serde_json::json!({"status": "pinned"})), Health::Attention);
-        assert_eq!(word(serde_json::json!({"status": "degraded"})), Health::Bad);
-        assert_eq!(
-            word(serde_json::json!({"status": "stale", "fallback": reason("job_failed")})),
-            Health::Bad
-        );
-        let (word, why) = health(
-            Some(&served(serde_json::json!({"status": "fallback", "fallback": reason("validation_failed")}))),
-            None,
-        );
-        assert_eq!(
-            (word, why.as_str()),
-            (Health::Attention, "The previous parameters are served: the newest fit was rejected.")
-        );
+    fn decide(&self) -> NextStep {
+        self.step(NextCode::Promote, "Decide on the fit that waits", "/parameters")
     }
 
-    #[test]
-    fn the_newest_job_decides_where_nothing_is_served() {
-        let running = JobState::Running { boot: 1, started_at: Timestamp::UNIX_EPOCH, cancelling: false };
-        let word = |state| health(None, Some(&job(state))).0;
-        assert_eq!(health(None, None).0, Health::Unknown);
-        assert_eq!(word(running), Health::Unknown);
-        assert_eq!(word(failed()), Health::Bad);
-        assert_eq!(word(succeeded(Outcome::Rejected)), Health::Bad);
-        assert_eq!(word(succeeded(Outcome::Held)), Health::Attention);
-        let experiment = JobRecord { experiment: true, ..job(failed()) };
-        assert_eq!(health(None, Some(&experiment)).0, Health::Unknown);
-        // A fit that waits shows beside a fresh set, unless it is the very one that is served.
-        let waiting = job(succeeded(Outcome::Suggested));
-        assert_eq!(health(Some(&served(serde_json::json!({}))), Some(&waiting)).0, Health::Attention);
-        assert_eq!(health(Some(&served(serde_json::json!({"job": "job_2"}))), Some(&waiting)).0, Health::Ok);
+    fn see_checks(&self) -> NextStep {
+        self.step(NextCode::Look, "See which checks the fit has failed", "/parameters")
     }
 
-    #[test]
-    fn the_horizon_of_the_policy_is_met_from_below() {
-        let served = served(serde_json::json!({}));
-        let at = |hours| ahead(&served.error["T_room"], Duration::from_hours(hours)).unwrap();
-        assert_eq!((at(6), at(12), at(48)), (("PT6H", 0.2), ("PT6H", 0.2), ("PT24H", 0.3)));
-        assert_eq!(ahead(&served.error["T_room"], Duration::from_seconds(60)), Some(("PT1H", 0.1)));
+    fn of_served(&self, served: &Served) -> Standing {
+        self.contradicted(served)
+            .or_else(|| self.decided(served))
+            .or_else(|| self.fallen(served))
+            .or_else(|| self.lacking())
+            .or_else(|| self.erring(served))
+            .or_else(|| self.flagged(served))
+            .or_else(|| self.not_measured())
+            .or_else(|| self.not_validated(served))
+            .unwrap_or_else(|| self.stands(Health::Ok, "The parameters are fresh.", self.nothing()))
     }
+
+    /// Newer measurements say that it is wrong.
+    fn contradicted(&self, served: &Served) -> Option<Standing> {
+        let why = "The error on new measurements is far above that of the validation.";
+        let refit = || self.step(NextCode::Refit, "Refit it", "");
+        (served.status == "degraded").then(|| self.stands(Health::Bad, why, refit()))
+    }
+
+    /// An operator holds it, or has not decided yet.
+    fn decided(&self, served: &Served) -> Option<Standing> {
+        if served.status == "pinned" {
+            let release = self.step(NextCode::Unpin, "Release the parameters that are held", "/parameters");
+            return Some(self.stands(Health::Attention, "An operator holds the parameters.", release));
+        }
+        let other = self.newest().filter(|job| served.job.as_ref() != Some(&job.id))?;
+        let waits = matches!(other.state.outcome(), Some(Outcome::Held | Outcome::Suggested));
+        waits.then(|| self.stands(Health::Attention, "A fit waits for an operator.", self.decide()))
+    }
+
+    /// The newest attempt came to nothing.
+    fn fallen(&self, served: &Served) -> Option<Standing> {
+        let FallbackReason { reason, job } = served.fallback.as_ref()?;
+        let (failure, next) = match reason.as_str() {
+            "validation_failed" => ("the newest fit was rejected", self.see_checks()),
+            _ => (
+                "the newest job failed",
+                self.at_job(NextCode::Refit, "Refit it, or see why it failed", Some(job)),
+            ),
+        };
+        Some(self.stands(Health::Attention, format!("The previous parameters are served: {failure}."), next))
+    }
+
+    /// A diagnosis of its model has named an effect that it does not have.
+    fn lacking(&self) -> Option<Standing> {
+        let missing = self.diagnosis?.missing.as_ref()?;
+        let size = missing.size.as_ref().map_or_else(String::new, |size| format!(" {}", size.sentence()));
+        let text = format!("Add {}", uncapitalised(&missing.title));
+        let next = self.step(NextCode::AddEffect, text, "/missing");
+        Some(self.stands(Health::Attention, format!("{} is missing.{size}", missing.title), next))
+    }
+
+    /// It errs by more than it should, and somebody can find out why.
+    fn erring(&self, served: &Served) -> Option<Standing> {
+        let verdict = self.diagnosis.map(|diagnosis| diagnosis.verdict);
+        if verdict == Some(Adequacy::Adequate) {
+            return None;
+        }
+        let error = self.error(served)?;
+        let (why, next) = match verdict {
+            Some(Adequacy::Unknown | Adequacy::Named) => (
+                "no known effect explains it",
+                self.step(NextCode::Look, "See what no effect explains", "/missing"),
+            ),
+            Some(Adequacy::NotEnoughData) => (
+                "the measurements are too short to say why",
+                self.step(NextCode::Upload, "Upload more measurements", "/data"),
+            ),
+            Some(Adequacy::Adequate) | None => (
+                "nobody has looked for what its model is missing",
+                self.step(NextCode::Diagnose, "Find what is missing", "/missing"),
+            ),
+        };
+        Some(self.stands(Health::Attention, format!("{error}, and {why}."), next))
+    }
+
+    /// What is wrong with its errors: at some horizon they are above those of holding the last measurement, or
+    /// they are above what noise would leave.
+    fn error(&self, served: &Served) -> Option<String> {
+        let metrics = &self.fit?.metrics;
+        let lost = metrics
+            .iter()
+            .flat_map(|(output, of)| {
+                of.ahead.iter().map(move |(name, error)| (output, &of.unit, name, error))
+            })
+            .find(|(.., error)| error.rmse > error.persistence);
+        if let Some((output, unit, horizon, AheadError { rmse, persistence, .. })) = lost {
+            let hours = horizon.parse::<Duration>().map_or(0.0, Duration::hours);
+            return Some(format!(
+                "{hours} h ahead, holding the last measurement of {output} errs less ({persistence:.2} {unit}) \
+                than the model does ({rmse:.2} {unit})"
+            ));
+        }
+        if served.flags.iter().any(|flag| flag == "barely_better_than_persistence") {
+            return Some("Its forecasts are hardly better than holding the last measurement".to_owned());
+        }
+        let (output, rho) = worst_output(metrics).and_then(|(output, of)| Some((output, of.rho?)))?;
+        (rho >= ADEQUATE_RHO)
+            .then(|| format!("The error of {output} is {rho:.1} times what noise would leave"))
+    }
+
+    /// The gate has flagged something that a person can look at.
+    fn flagged(&self, served: &Served) -> Option<Standing> {
+        let flags: Vec<&str> =
+            served.flags.iter().map(String::as_str).filter(|flag| !is_harmless(flag)).collect();
+        let has = |kind: &str| flags.iter().find_map(|flag| flag.strip_prefix(kind));
+        let next = if let Some(channel) = has("unseen:") {
+            self.step(NextCode::Look, format!("Check the channel {channel}"), "/data")
+        } else if has("at_bound:").is_some() {
+            self.step(NextCode::Look, "See what lies at a bound", "/parameters")
+        } else if has("low_confidence").is_some() {
+            self.step(NextCode::Refit, "Refit it with a larger budget", "")
+        } else {
+            self.step(NextCode::Look, "See what the gate has flagged", "/parameters")
+        };
+        let why = || format!("The gate has flagged the parameters: {}.", flags.join(", "));
+        (!flags.is_empty()).then(|| self.stands(Health::Attention, why(), next))
+    }
+
+    /// Nothing new was measured for longer than the policy wants.
+    fn not_measured(&self) -> Option<Standing> {
+        let newest = self.measured_to?;
+        let age = self.now.duration_since(newest);
+        let next = || self.step(NextCode::Upload, "Upload or connect measurements", "/data");
+        (age > SignedDuration::from_millis(self.stale_after.millis())).then(|| {
+            self.stands(Health::Attention, format!("No new measurements since {}.", day(newest)), next())
+        })
+    }
+
+    /// There is something newer to validate it on.
+    fn not_validated(&self, served: &Served) -> Option<Standing> {
+        let validated_at = served.validated_at.filter(|_| served.status == "stale")?;
+        let why =
+            format!("It was last validated on {}, and there are newer measurements.", day(validated_at));
+        Some(self.stands(Health::Attention, why, self.step(NextCode::Refit, "Refit it", "")))
+    }
+
+    fn never_validated(&self) -> Standing {
+        let fit = || self.step(NextCode::Refit, "Fit it", "");
+        let Some(job) = self.newest() else {
+            let next = match self.measured_to {
+                Some(_) => fit(),
+                None => self.step(NextCode::Upload, "Upload measurements", "/data"),
+            };
+            return self.stands(Health::Unknown, "Nothing was estimated yet.", next);
+        };
+        let (health, why, next) = match &job.state {
+            JobState::Queued { .. } | JobState::Running { .. } => {
+                (Health::Unknown, "the newest job has not ended", self.wait())
+            }
+            JobState::Cancelled { .. } => (Health::Unknown, "the newest job was cancelled", fit()),
+            JobState::Failed { .. } => {
+                let see = self.at_job(NextCode::Look, "See why the job failed", Some(&job.id));
+                (Health::Bad, "the newest job failed", see)
+            }
+            JobState::Succeeded { result, .. } => match result.outcome() {
+                Some(Outcome::Held | Outcome::Suggested) => {
+                    (Health::Attention, "a fit waits for an operator", self.decide())
+                }
+                Some(Outcome::Rejected) => {
+                    let next = self.lacking().map_or_else(|| self.see_checks(), |lacking| lacking.next);
+                    (Health::Bad, "the newest fit was rejected", next)
+                }
+                _ => (Health::Unknown, "the newest fit does not count for what is served", fit()),
+            },
+        };
+        self.stands(health, format!("No fit was ever accepted, and {why}."), next)
+    }
+}
+
+/// Whether a flag takes nothing from the forecasts, or is an operator's own word. What the data leave open
+/// does not change forecasts over such data; heat that was never seen to do anything does, as the controller
+/// moves it. What is said about persistence is told as an error.
+fn is_harmless(flag: &str) -> bool {
+    match flag.split_once(':').unwrap_or((flag, "")) {
+        ("unseen", channel) => Role::of(channel) != Role::Heat,
+        (kind, _) => [
+            "non_identifiable",
+            "undetermined",
+            "barely_better_than_persistence",
+            "promoted_by_operator",
+            "waived",
+        ]
+        .contains(&kind),
+    }
+}
+
+/// A title in the middle of a sentence; abbreviations stay as they are.
+fn uncapitalised(title: &str) -> String {
+    let mut letters = title.chars();
+    match (letters.next(), letters.clone().next()) {
+        (Some(first), Some(second)) if second.is_lowercase() => first.to_lowercase().chain(letters).collect(),
+        _ => title.to_owned(),
+    }
+}
+
+fn day(instant: Timestamp) -> impl std::fmt::Display {
+    instant.strftime("%-d %b %Y")
 }

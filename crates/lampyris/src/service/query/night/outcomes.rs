@@ -14,8 +14,8 @@ use std::collections::{BTreeMap, HashMap};
 pub(super) fn changed_system(job: &BatchMember, horizon: Duration) -> ChangedSystem {
     let error = job.served_error.as_ref().and_then(|errors| errors.values().next());
     // A model without a filter makes no forecasts: what counts is its free run.
-    let known = error.and_then(|error| match ahead(error, horizon) {
-        Some((name, rmse)) => Some((Some(name.to_owned()), rmse)),
+    let known = error.and_then(|error| match ahead(&error.ahead, horizon) {
+        Some((name, rmse)) => Some((Some(name.to_owned()), *rmse)),
         None => error.validation_rmse.map(|rmse| (None, rmse)),
     });
     let after = known.as_ref().map(|(_, rmse)| *rmse);

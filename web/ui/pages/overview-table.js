@@ -1,0 +1,112 @@
+// The table of the overview: a row for each system, and the heads of groups.
+import { html } from '../html.js';
+import { systemAddress, setQuery } from '../router.js';
+import { NONE, length, fixed, fromNow, clock, horizon, words } from '../format.js';
+import { Status, Flags } from '../parts/status.js';
+import { Spark } from '../charts/spark.js';
+import { SEVERITY } from '../systems.js';
+import { COLUMNS, toggledIn } from './overview-view.js';
+
+/** A text whose long names may be broken at their underscores. */
+const breakable = text => text.split(/(?<=_)/).map((part, at) => (at ? html`<wbr />${part}` : part));
+
+/** The next press turns the order round, and the third gives the worst first again. */
+const turned = (sort, name) => (sort === name ? `-${name}` : sort === `-${name}` ? null : name);
+
+function Head({ sort, all, some, chooseAll }) {
+  const direction = name => (sort === name ? 'ascending' : sort === `-${name}` ? 'descending' : 'none');
+  return html`<thead><tr>
+    <th scope="col"><input type="checkbox" aria-label="Select all that are shown" checked=${all} indeterminate=${some && !all}
+      onChange=${event => chooseAll(event.target.checked)} /></th>
+    ${COLUMNS.map(
+      ([name, title, , kind]) => html`<th scope="col" class=${kind} aria-sort=${direction(name)}><button class="sort"
+        title="Sort by it; a second press turns the order round, a third one shows the worst first"
+        onClick=${() => setQuery({ sort: turned(sort, name), page: null })}>${title}<span aria-hidden="true">${
+          { ascending: ' ▲', descending: ' ▼', none: '' }[direction(name)]
+        }</span></button></th>`,
+    )}
+    <th scope="col"><span class="unseen">Refit</span></th>
+  </tr></thead>`;
+}
+
+/** What a group is, how its members fare, and what can be done for all of them. */
+function GroupHead({ line, open, actions, current, setAt }) {
+  const { group, says, rows, isClosed, next, by } = line;
+  const counts = Object.keys(SEVERITY)
+    .map(health => [health, rows.filter(row => row.health === health).length])
+    .filter(([, count]) => count > 0);
+  const names = rows.map(row => row.system);
+  const [word, act] = (next && actions[next.code]) ?? [];
+  return html`<tr class="group" aria-current=${current ? 'true' : null}>
+    <th scope="rowgroup" colspan=${COLUMNS.length + 2}><span class="row">
+      <button class="plain fold" aria-expanded=${!isClosed} onFocus=${() => setAt(group)}
+        onClick=${() => setQuery({ open: toggledIn(open, group) })}><span aria-hidden="true">${isClosed ? '▸' : '▾'}</span> ${says}</button>
+      ${by !== 'health' && counts.map(([health, count]) => html`<${Status} of=${health} label=${counts.length > 1 ? `${count} ${health}` : health} />`)}
+      <button class="plain" onClick=${() => actions.choose(names)}>Select ${rows.length === 1 ? 'it' : `all ${rows.length}`}</button>
+      ${act && html`<button onClick=${() => act(names)}>${word} ${rows.length === 1 ? 'it' : `all ${rows.length}`}</button>`}
+    </span></th>
+  </tr>`;
+}
+
+/** The error by which a system is judged, with what holding the last measurement would do. */
+function ErrorCell({ row }) {
+  const { quality } = row;
+  if (!quality || row.size === null) return html`<td class="number">${NONE}</td>`;
+  const ahead = quality.ahead !== null;
+  const of = quality.outputs > 1 ? ` of ${quality.output}` : '';
+  const what = ahead ? `${horizon(quality.horizon)} ahead${of}` : `free run${of}`;
+  const beside = ahead ? ` Holding the last measurement errs by ${fixed(quality.persistence)} ${quality.unit}.` : '';
+  const noise = quality.rho === null ? '' : ` Left to itself, the model errs ${quality.rho.toFixed(1)} times as much as noise would.`;
+  return html`<td class="number" title=${`Root mean square error, ${what}, on measurements that the search has not seen.${beside}${noise}`}>
+    ${fixed(row.size)} ${quality.unit}<small>${what}</small>${row.status === null && html`<small>newest fit</small>`}</td>`;
+}
+
+function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regroup, run }) {
+  const is = running ?? { queued: 'waits', running: 'runs' }[row.latest_state];
+  const group = row.group || row.kind;
+  return html`<tr class=${chosen ? 'chosen' : ''} aria-current=${current ? 'true' : null}>
+    <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen} onChange=${() => toggle(row.system)} /></td>
+    <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(row.system)}>${row.system}</a><small
+      title=${row.label}>${row.label || row.model}</small><small><button class="plain in" title=${`Show only ${group}`}
+      onClick=${() => setQuery({ in: group, page: null })}>${group}</button><button class="plain in" title="Change the group"
+      aria-label=${`Change the group of ${row.system}`} onClick=${() => regroup([row])}>✎</button></small></th>
+    <td><span class="nowrap"><${Status} of=${row.health} />${
+      !['none', 'wait'].includes(row.next.code) && html` <a class="next" href=${row.next.href}>${row.next.text}</a>`
+    }</span><div class="why clamped" title=${row.why}>${breakable(row.why)}</div></td>
+    <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
+      ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
+    <${ErrorCell} row=${row} />
+    <td>${
+      row.trend?.length
+        ? html`<${Spark} values=${row.trend} unit=${row.quality?.unit ?? ''} /><small>last ${fixed(row.trend.at(-1))} ${row.quality?.unit ?? ''}</small>`
+        : NONE
+    }</td>
+    <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
+    <td>${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
+    <td class="nowrap">${row.measured_to ? html`<span title=${clock(row.measured_to)}>${fromNow(row.measured_to)}</span>` : NONE}</td>
+    <td class="nowrap">${run ? html`<span title=${clock(run)}>${fromNow(run)}</span>` : NONE}</td>
+    <td>${
+      is
+        ? html`<${Status} of=${is === 'waits' ? 'queued' : 'running'} label=${is} />`
+        : html`<button class="plain" aria-label=${`Refit ${row.system}`} onClick=${() => refit([row.system])}>Refit</button>`
+    }</td>
+  </tr>`;
+}
+
+/**
+ * `shown` are the lines of this page, `at` names the line where the keyboard is; `actions` are what can be done for many,
+ * by the code of the next step.
+ */
+export function SystemsTable({ shown, at, setAt, query, chosen, toggle, all, chooseAll, running, refit, regroup, nextRun, actions, table, compact }) {
+  const caption = query.sort ? `Systems by ${words(query.sort.replace('-', ''))}` : 'Systems, worst first';
+  return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}><table class=${`systems ${compact ? 'compact' : ''}`} ref=${table}>
+    <caption class="unseen">${caption}</caption>
+    <${Head} sort=${query.sort} all=${all} some=${chosen.size > 0} chooseAll=${chooseAll} />
+    <tbody>${shown.map(line =>
+      line.group
+        ? html`<${GroupHead} key=${line.group} line=${line} open=${query.open} actions=${actions} current=${line.group === at} setAt=${setAt} />`
+        : html`<${SystemRow} key=${line.system} row=${line} current=${line.system === at} chosen=${chosen.has(line.system)} toggle=${toggle}
+            setAt=${setAt} running=${running.get(line.system)} refit=${refit} regroup=${regroup} run=${nextRun(line)} />`,
+    )}</tbody>
+  </table></div>`;
+}

@@ -1,0 +1,133 @@
+// The rows of all systems: read once, page by page, and kept while one goes from page to page. What happens to a system
+// makes its own row anew, and no other.
+import { useState, useEffect } from './html.js';
+import { ask, withQuery, AGAIN } from './api.js';
+import { onEvents } from './events.js';
+
+const PAGE = 1000;
+/** So many rows are asked for again at once, this often: a batch of hundreds stays below 10 kB a second. */
+const AGAIN_AT_ONCE = 8;
+const AGAIN_MS = 1000;
+/** Where more rows than these are due, all of them are read. */
+const MOST_DUE = 400;
+
+export const SEVERITY = { bad: 0, attention: 1, unknown: 2, ok: 3 };
+const inOrder = new Intl.Collator('en', { numeric: true }).compare;
+
+let kept = { rows: null, complete: false, error: null, running: new Map() };
+let reading = 0;
+let timer = null;
+const due = new Set();
+const listeners = new Set();
+
+function publish(change) {
+  kept = { ...kept, ...change };
+  listeners.forEach(listener => listener(kept));
+}
+
+/** A row with what is sorted and searched by. */
+function prepared(row) {
+  const { quality } = row;
+  row.kind = row.system.split('/')[0];
+  row.severity = SEVERITY[row.health];
+  row.size = quality?.ahead ?? quality?.validation_rmse ?? null;
+  row.text = [row.system, row.label, row.group, row.model, row.health, row.why, row.next.text, row.status, ...row.flags]
+    .join(' ')
+    .toLowerCase();
+  return row;
+}
+
+/** All of them by name, `room/2` before `room/10`; each knows its place. */
+function ordered(bySystem) {
+  const rows = [...bySystem.values()].sort((a, b) => inOrder(a.system, b.system));
+  rows.forEach((row, at) => {
+    row.order = at;
+  });
+  return rows;
+}
+
+async function read() {
+  reading += 1;
+  const turn = reading;
+  const found = new Map();
+  let token = null;
+  due.clear();
+  try {
+    do {
+      const page = await ask(withQuery('/systems', { page_size: PAGE, with: 'trend', page_token: token }));
+      if (turn !== reading) return;
+      for (const row of page.items) found.set(row.system, prepared(row));
+      token = page.next_page_token;
+      // The first of them can be looked at while the others come.
+      if (token && kept.rows === null) publish({ rows: ordered(found) });
+    } while (token);
+    publish({ rows: ordered(found), complete: true, error: null });
+  } catch (error) {
+    if (turn === reading) publish({ rows: null, complete: false, error });
+  }
+}
+
+/** Makes some of the rows anew that something has happened to. */
+async function readDue() {
+  const names = [...due].slice(0, AGAIN_AT_ONCE);
+  names.forEach(name => due.delete(name));
+  const turn = reading;
+  try {
+    const { items } = await ask(withQuery('/systems', { systems: names.join(','), with: 'trend' }));
+    // Whoever reads all of them meanwhile has newer ones.
+    if (turn !== reading || !kept.complete) return;
+    const bySystem = new Map(kept.rows.map(row => [row.system, row]));
+    names.forEach(name => bySystem.delete(name));
+    items.forEach(row => bySystem.set(row.system, prepared(row)));
+    publish({ rows: ordered(bySystem) });
+  } catch {
+    // The next event of the system, or the next visit, tries again.
+  }
+}
+
+/** After a moment, for all that comes within it; while nobody looks, what is due waits. */
+function soon() {
+  if (timer !== null || listeners.size === 0) return;
+  timer = setTimeout(async () => {
+    timer = null;
+    publish({ running: kept.running });
+    if (due.size > MOST_DUE) await read();
+    else if (due.size > 0 && kept.complete) await readDue();
+    if (due.size > 0) soon();
+  }, AGAIN_MS);
+}
+
+function hear(kind, data) {
+  if (kind === 'incumbent') return;
+  if (kind === 'finished') {
+    kept.running.delete(data.system);
+    due.add(data.system);
+  } else {
+    kept.running.set(data.system, kind === 'progress' ? `${data.evaluations} evaluations` : kind === 'queued' ? 'waits' : 'runs');
+  }
+  soon();
+}
+onEvents(hear);
+
+/** Makes the row of a system anew that was changed here. */
+export function refresh(system) {
+  due.add(system);
+  soon();
+}
+
+/** `{rows, complete, error, running, reload}`: `rows` is null before the first answer, `running` says of what a job runs. */
+export function useSystems() {
+  const [state, setState] = useState(kept);
+  useEffect(() => {
+    listeners.add(setState);
+    addEventListener(AGAIN, read);
+    if (kept.rows === null || due.size > MOST_DUE) read();
+    else if (due.size > 0) soon();
+    setState(kept);
+    return () => {
+      listeners.delete(setState);
+      removeEventListener(AGAIN, read);
+    };
+  }, []);
+  return { ...state, reload: read };
+}
