@@ -64,7 +64,10 @@ function changeOf(diagnosis, now) {
   const [[base, ...before], [present, ...after]] = [diagnosis.model.split('+'), now.split('+')];
   const added = after.filter(effect => !before.includes(effect));
   if (base !== present || added.length === 0 || before.some(effect => !after.includes(effect))) return `before the model became ${now}.`;
-  const titled = effect => diagnosis.findings.find(finding => finding.effect === effect)?.title.toLowerCase() ?? effect;
+  const titled = effect => {
+    const title = diagnosis.findings.find(finding => finding.effect === effect)?.title ?? effect;
+    return title[0].toLowerCase() + title.slice(1);
+  };
   return `before ${added.map(titled).join(' and ')} ${added.length > 1 ? 'were' : 'was'} added.`;
 }
 
@@ -81,6 +84,7 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
   const erring = data.unexplained.output || names[0];
   const weighed = data.rho !== null;
   const steps = query.steps?.split(',').filter(Boolean) ?? [];
+  // What it found is added to its own model: once another one is used, only those go on who have begun.
   const isOlder = data.model !== document.model;
   return html`
     <div class="row apart">
@@ -89,7 +93,7 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
           ? html`<${Status} of="unknown" label="" /> This was looked at with ${data.model}, ${changeOf(data, document.model)}`
           : html`<${Status} of=${data.verdict === 'named' ? 'attention' : data.verdict} label="" /> ${SAYS[data.verdict]}`
       }</p>
-      ${search && html`<button class=${isOlder ? 'main' : ''} onClick=${search}>Look again${isOlder ? ` with ${document.model}` : ''}</button>`}
+      ${search && html`<button class=${isOlder ? 'main' : ''} onClick=${search}>Look again${isOlder ? ' with the present model' : ''}</button>`}
     </div>
     ${isOlder && html`<p>What the present model, ${document.model}, is missing is not known until somebody looks again. Then it said:</p>`}
     <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span
@@ -103,7 +107,7 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
       grown=${setModel} reload=${reload} changed=${changed} />
     ${data.findings.map(finding => html`<${Finding} key=${finding.effect} finding=${finding} data=${data} path=${path} added=${there(finding.effect)}
       output=${finding.shape?.output || names[0]} zone=${document.location?.zone ?? 'UTC'}
-      add=${REPORT ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}
+      add=${REPORT || (isOlder && steps.length === 0) ? null : () => setAdding({ effect: finding.effect, title: finding.title })} />`)}
     ${data.findings.length === 0 && weighed && data.verdict !== 'adequate' &&
       html`<p>No effect of the catalogue passed both gates: the gain on the data that were fitted, and the error on unseen data.</p>`}
     <${Present} effects=${data.present} />

@@ -31,8 +31,8 @@ export function Waiting({ system, fit, served, done }) {
   const gets = `The controller then gets its parameters${served ? ` instead of those of revision ${served.revision}` : '; now it gets none'}.`;
   return html`<section class="waiting" aria-label="A fit waits">
     <div class="row apart">
-      <p><${Status} of="suggested" label="A fit waits for your word:" /> <a href=${systemAddress(system, 'parameters', { fit: fit.id })}>${fit.model}
-        of ${clock(fit.created_at)}</a>, ${fit.summary}.</p>
+      <p><${Status} of="suggested" label="A fit waits for your word:" /> <a href=${systemAddress(system, 'parameters', { fit: fit.id })}
+        >${`${fit.model} of ${clock(fit.created_at)}`}</a>, ${fit.summary}.</p>
       <span class="row"><button class="main" onClick=${decide('promote', 'Promote the fit that waits', gets)}>Promote</button>
         <button onClick=${decide('reject', 'Reject the fit that waits', 'It will never be served.')}>Reject</button></span>
     </div>
