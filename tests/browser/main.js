@@ -7,6 +7,7 @@ import { story } from './story.js';
 import { edges } from './edges.js';
 import { foreign } from './foreign.js';
 import { mathematics } from './mathematics.js';
+import { overview } from './overview.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { plants } from './plants.js';
@@ -33,6 +34,7 @@ try {
     await tokens(chrome, process.env.LAMPYRIS_BINARY);
     await changes(chrome, process.env.LAMPYRIS_BINARY);
     await foreign(chrome, process.env.LAMPYRIS_BINARY);
+    await overview(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);

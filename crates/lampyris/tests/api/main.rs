@@ -28,6 +28,7 @@ mod limits;
 mod lines;
 mod models;
 mod operators;
+mod overview;
 mod params;
 mod plants;
 mod preview;
