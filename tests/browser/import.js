@@ -103,8 +103,11 @@ async function mapped(chrome, base) {
     await page.getByLabel('Channel of Fühler 7').fill('T_room');
     await page.getByLabel('Channel of Draußen').fill('T_out');
     await WAYS.keyboard(page.getByRole('button', { name: 'Upload 2 channels' }));
-    await page.getByText(/rows from .* are taken as win_/).waitFor();
+    await page.getByText(/2 rows from 30 Jan .* are taken as win_/).waitFor();
     const { channels } = await ask(base, '/systems/room/9');
     holds(channels.T_room.startsWith('Fühler 7') && channels.T_out.startsWith('Draußen'), JSON.stringify(channels));
+    await send(text(31));
+    await WAYS.keyboard(page.getByRole('button', { name: 'Upload 2 channels' }));
+    await page.getByText(/2 rows from 31 Jan .* are taken as win_/).waitFor();
   });
 }

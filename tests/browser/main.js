@@ -9,6 +9,7 @@ import { edges } from './edges.js';
 import { foreign } from './foreign.js';
 import { importing } from './import.js';
 import { mathematics } from './mathematics.js';
+import { overview } from './overview.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
 import { plants } from './plants.js';
@@ -39,6 +40,7 @@ try {
     await foreign(chrome, process.env.LAMPYRIS_BINARY);
     await importing(chrome, process.env.LAMPYRIS_BINARY);
     await queue(chrome, process.env.LAMPYRIS_BINARY);
+    await overview(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);

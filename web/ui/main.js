@@ -1,6 +1,6 @@
 // Which page an address is.
 import { html, render, useEffect, useRef } from './html.js';
-import { useHere } from './router.js';
+import { useHere, keptPlace } from './router.js';
 import { start } from './events.js';
 import { Shell } from './parts/shell.js';
 import { Empty } from './parts/screens.js';
@@ -48,8 +48,9 @@ function App() {
   const path = parts.join('/');
   const first = useRef(true);
   useEffect(() => {
-    // After a step to another page the keyboard and the screen reader begin at its content; a tab keeps them.
-    if (!first.current && !document.activeElement?.closest('[role=tablist]'))
+    // After a step to another page the keyboard and the screen reader begin at its content; a tab keeps them, and a page that
+    // knows where somebody was leads them there.
+    if (!first.current && !keptPlace()?.line && !document.activeElement?.closest('[role=tablist]'))
       document.getElementById('main').focus({ preventScroll: true });
     first.current = false;
     document.title = parts.length ? `${parts.slice(0, 4).join(' ')} · Lampyris` : 'Lampyris';

@@ -31,6 +31,8 @@ function prepared(row) {
   row.kind = row.system.split('/')[0];
   row.severity = SEVERITY[row.health];
   row.size = quality?.ahead ?? quality?.validation_rmse ?? null;
+  // Where nothing is to be done, every system is by itself.
+  row.step = ['none', 'wait'].includes(row.next.code) ? row.system : `${row.health} ${row.next.code} ${row.next.text}`;
   row.text = [row.system, row.label, row.group, row.model, row.health, row.why, row.next.text, row.status, ...row.flags]
     .join(' ')
     .toLowerCase();

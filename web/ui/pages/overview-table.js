@@ -25,22 +25,21 @@ function Head({ sort, all, some, chooseAll }) {
           { ascending: ' ▲', descending: ' ▼', none: '' }[direction(name)]
         }</span></button></th>`,
     )}
-    <th scope="col"><span class="unseen">Refit</span></th>
   </tr></thead>`;
 }
 
 /** What a group is, how its members fare, and what can be done for all of them. */
 function GroupHead({ line, open, actions, current, setAt }) {
-  const { group, says, rows, isClosed, next, by } = line;
+  const { head, says, rows, isClosed, next, by } = line;
   const counts = Object.keys(SEVERITY)
     .map(health => [health, rows.filter(row => row.health === health).length])
     .filter(([, count]) => count > 0);
   const names = rows.map(row => row.system);
   const [word, act] = (next && actions[next.code]) ?? [];
   return html`<tr class="group" aria-current=${current ? 'true' : null}>
-    <th scope="rowgroup" colspan=${COLUMNS.length + 2}><span class="row">
-      <button class="plain fold" aria-expanded=${!isClosed} onFocus=${() => setAt(group)}
-        onClick=${() => setQuery({ open: toggledIn(open, group) })}><span aria-hidden="true">${isClosed ? '▸' : '▾'}</span> ${says}</button>
+    <th scope="rowgroup" colspan=${COLUMNS.length + 1}><span class="row">
+      <button class="plain fold" aria-expanded=${!isClosed} onFocus=${() => setAt(head)}
+        onClick=${() => setQuery({ open: toggledIn(open, head) })}><span aria-hidden="true">${isClosed ? '▸' : '▾'}</span> ${says}</button>
       ${by !== 'health' && counts.map(([health, count]) => html`<${Status} of=${health} label=${counts.length > 1 ? `${count} ${health}` : health} />`)}
       <button class="plain" onClick=${() => actions.choose(names)}>Select ${rows.length === 1 ? 'it' : `all ${rows.length}`}</button>
       ${act && html`<button onClick=${() => act(names)}>${word} ${rows.length === 1 ? 'it' : `all ${rows.length}`}</button>`}
@@ -61,13 +60,22 @@ function ErrorCell({ row }) {
     ${fixed(row.size)} ${quality.unit}<small>${what}</small>${row.status === null && html`<small>newest fit</small>`}</td>`;
 }
 
+/** The errors of the last fits; of several outputs those of the first. */
+function TrendCell({ row }) {
+  if (!row.trend?.length) return html`<td>${NONE}</td>`;
+  const [output, { unit }] = Object.entries(row.error)[0] ?? [row.quality.output, row.quality];
+  return html`<td><${Spark} values=${row.trend} unit=${unit} /><small>last ${fixed(row.trend.at(-1))} ${unit}${
+    row.quality?.outputs > 1 ? ` of ${output}` : ''
+  }</small></td>`;
+}
+
 function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regroup, run }) {
   const is = running ?? { queued: 'waits', running: 'runs' }[row.latest_state];
   const group = row.group || row.kind;
   return html`<tr class=${chosen ? 'chosen' : ''} aria-current=${current ? 'true' : null}>
     <td><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen} onChange=${() => toggle(row.system)} /></td>
     <th scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(row.system)}>${row.system}</a><small
-      title=${row.label}>${row.label || row.model}</small><small><button class="plain in" title=${`Show only ${group}`}
+      title=${row.label}>${row.label || row.model}</small><small class="where"><button class="plain in" title=${`Show only ${group}`}
       onClick=${() => setQuery({ in: group, page: null })}>${group}</button><button class="plain in" title="Change the group"
       aria-label=${`Change the group of ${row.system}`} onClick=${() => regroup([row])}>✎</button></small></th>
     <td><span class="nowrap"><${Status} of=${row.health} />${
@@ -76,20 +84,15 @@ function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regrou
     <td class="nowrap"><${Status} of=${row.status ?? 'none'} /><small>
       ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
     <${ErrorCell} row=${row} />
-    <td>${
-      row.trend?.length
-        ? html`<${Spark} values=${row.trend} unit=${row.quality?.unit ?? ''} /><small>last ${fixed(row.trend.at(-1))} ${row.quality?.unit ?? ''}</small>`
-        : NONE
-    }</td>
+    <${TrendCell} row=${row} />
     <td><div class="regime clamped" title=${row.worst_regime ?? ''}>${row.worst_regime ?? NONE}</div></td>
-    <td>${row.flags.length ? html`<${Flags} of=${row.flags} most=${2} />` : NONE}</td>
+    <td class="nowrap">${row.flags.length ? html`<${Flags} of=${row.flags} most=${1} />` : NONE}</td>
     <td class="nowrap">${row.measured_to ? html`<span title=${clock(row.measured_to)}>${fromNow(row.measured_to)}</span>` : NONE}</td>
-    <td class="nowrap">${run ? html`<span title=${clock(run)}>${fromNow(run)}</span>` : NONE}</td>
-    <td>${
+    <td class="nowrap">${
       is
         ? html`<${Status} of=${is === 'waits' ? 'queued' : 'running'} label=${is} />`
         : html`<button class="plain" aria-label=${`Refit ${row.system}`} onClick=${() => refit([row.system])}>Refit</button>`
-    }</td>
+    }<small title=${run ? clock(run) : ''}>${run ? fromNow(run) : 'no schedule'}</small></td>
   </tr>`;
 }
 
@@ -103,8 +106,8 @@ export function SystemsTable({ shown, at, setAt, query, chosen, toggle, all, cho
     <caption class="unseen">${caption}</caption>
     <${Head} sort=${query.sort} all=${all} some=${chosen.size > 0} chooseAll=${chooseAll} />
     <tbody>${shown.map(line =>
-      line.group
-        ? html`<${GroupHead} key=${line.group} line=${line} open=${query.open} actions=${actions} current=${line.group === at} setAt=${setAt} />`
+      line.head
+        ? html`<${GroupHead} key=${line.head} line=${line} open=${query.open} actions=${actions} current=${line.head === at} setAt=${setAt} />`
         : html`<${SystemRow} key=${line.system} row=${line} current=${line.system === at} chosen=${chosen.has(line.system)} toggle=${toggle}
             setAt=${setAt} running=${running.get(line.system)} refit=${refit} regroup=${regroup} run=${nextRun(line)} />`,
     )}</tbody>

@@ -55,7 +55,7 @@ function SavedFilters({ query }) {
     setNaming(false);
   };
   return html`
-    ${saved.length > 0 && html`<label class="inline">Filter <select value=${current?.name ?? ''} onChange=${event => choose(event.target.value)}>
+    ${saved.length > 0 && html`<label class="inline">Filter <select aria-label="Saved filter" value=${current?.name ?? ''} onChange=${event => choose(event.target.value)}>
       <option value="">${now && !current ? 'not saved' : 'all systems'}</option>
       ${saved.map(({ name }) => html`<option value=${name} selected=${name === current?.name}>${name}</option>`)}</select></label>`}
     ${now && !current && html`<button class="plain" onClick=${() => setNaming(true)}>Save this filter</button>`}

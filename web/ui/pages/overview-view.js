@@ -3,9 +3,11 @@ import { SEVERITY } from '../systems.js';
 import { seconds, words } from '../format.js';
 
 /** Entries of a page. */
-export const PAGE_SIZE = 100;
+export const PAGE_SIZE = 50;
 /** So many equal next steps are one line until somebody opens it. */
 const FOLDED = 5;
+/** Where there are more systems than these, other groups are closed as well at first. */
+const MANY = 100;
 
 const last = (value, sign) => (value === null || value === undefined || Number.isNaN(value) ? sign * Infinity : value);
 
@@ -34,7 +36,9 @@ export const GROUPINGS = [
 /** The worst first: by health, then by the error, then by name. */
 const worstFirst = (a, b) => a.severity - b.severity || (b.size ?? 0) - (a.size ?? 0) || a.order - b.order;
 
-function sorted(rows, sort, nextRun) {
+/** All rows in the order that is asked for; whatever is left out later keeps it. */
+export function sorted(all, sort, nextRun) {
+  const rows = [...all];
   const descending = sort?.startsWith('-');
   const column = COLUMNS.find(([name]) => name === sort?.replace(/^-/, ''));
   if (!column) return rows.sort(worstFirst);
@@ -83,7 +87,7 @@ const groupOf = (by, name, rows, isClosed) => {
   const alike = rows.every(row => row.next.code === rows[0].next.code && row.next.text === rows[0].next.text);
   const one = rows.every(row => row.why === rows[0].why) ? rows[0].why : rows[0].next.text;
   const says = by === 'next' ? `${counted(rows)}: ${one}` : `${by === 'health' ? words(name) : name}: ${counted(rows)}`;
-  return { group: key, by, name, rows, says, isClosed, next: alike ? rows[0].next : null };
+  return { head: key, by, name, rows, says, isClosed, next: alike ? rows[0].next : null };
 };
 
 function gathered(rows, name) {
@@ -96,20 +100,15 @@ function gathered(rows, name) {
   return groups;
 }
 
-/** What needs the same of somebody; where nothing is to be done, every system is by itself. */
-const sameStep = row =>
-  ['none', 'wait'].includes(row.next.code) ? row.system : `${row.health} ${row.next.code} ${row.next.text}`;
-
 /**
- * The lines of the table: rows, and heads of groups (`{group, says, rows, isClosed, next}`). Without a grouping and in the
- * order of the worst first, systems that need the same are one line.
+ * The lines of the table: rows in their order, and heads of groups (`{head, says, rows, isClosed, next}`). Without a
+ * grouping and with the worst first, systems that need the same of somebody are one line.
  */
-export function lines(rows, query, nextRun) {
-  const order = sorted(rows, query.sort, nextRun);
+export function lines(order, query) {
   const toggled = new Set((query.open ?? '').split('.').filter(Boolean));
   const grouping = GROUPINGS.find(([name]) => name === query.by);
   if (!grouping && query.sort) return order;
-  const groups = [...gathered(order, grouping ? grouping[2] : sameStep)];
+  const groups = [...gathered(order, grouping ? grouping[2] : row => row.step)];
   // Groups with the worst member first; of equal ones by name.
   const worst = members => Math.min(...members.map(row => SEVERITY[row.health]));
   if (grouping && grouping[0] !== 'next')
@@ -118,7 +117,7 @@ export function lines(rows, query, nextRun) {
     const many = members.length >= FOLDED;
     if (!grouping && !many) return members;
     const by = grouping?.[0] ?? 'next';
-    const isClosed = (by === 'next' && many) !== toggled.has(short(`${by} ${name}`));
+    const isClosed = (by === 'next' ? many : order.length > MANY) !== toggled.has(short(`${by} ${name}`));
     const head = groupOf(by, name, members, isClosed);
     return isClosed ? [head] : [head, ...members];
   });

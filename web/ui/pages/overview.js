@@ -11,10 +11,12 @@ import { Shown, Empty } from '../parts/screens.js';
 import { Command } from '../parts/frame.js';
 import { SystemsTable } from './overview-table.js';
 import { Tools, Pages, Regroup, density } from './overview-tools.js';
-import { filtered, lines, runs, PAGE_SIZE } from './overview-view.js';
+import { sorted, filtered, lines, runs, PAGE_SIZE } from './overview-view.js';
 
 /** How long after the last movement the place is kept with the address. */
 const REST_MS = 200;
+/** What has the focus in the row where the keyboard is. */
+const CURRENT = 'tr[aria-current=true] a, tr[aria-current=true] button';
 /** What was selected, for whoever comes back. */
 let selected = new Set();
 
@@ -42,21 +44,24 @@ function usePlace(at, setAt, table) {
   };
   useLayoutEffect(() => {
     const place = keptPlace();
-    if (place) {
-      if (place.line) setAt(place.line);
+    if (place?.line) setAt(place.line);
+    if (place) scrollTo(0, place.top);
+  }, []);
+  useEffect(() => {
+    const place = keptPlace();
+    // The row is only known as the current one once it is drawn so.
+    const later = setTimeout(() => {
+      if (!place) return;
+      table.current?.querySelector(CURRENT)?.focus({ preventScroll: true });
       scrollTo(0, place.top);
-      // The page gives the focus to its content first.
-      requestAnimationFrame(() => {
-        table.current?.querySelector('tr[aria-current=true] a, tr[aria-current=true] button')?.focus({ preventScroll: true });
-        scrollTo(0, place.top);
-      });
-    }
+    });
     const moved = () => {
       clearTimeout(timer.current);
       timer.current = setTimeout(() => keepPlace({ top: scrollY, line: latest.current }), REST_MS);
     };
     addEventListener('scroll', moved, { passive: true });
     return () => {
+      clearTimeout(later);
       clearTimeout(timer.current);
       removeEventListener('scroll', moved);
     };
@@ -95,8 +100,9 @@ function Systems({ rows, complete, running, schedules, query }) {
   };
   const nextRun = useMemo(() => runs(schedules ?? []), [schedules]);
   const { search: typed, health, in: path, next, sort, by, open } = query;
-  const found = useMemo(() => filtered(rows, query), [rows, typed, health, path, next]);
-  const all = useMemo(() => lines([...found], query, nextRun), [found, sort, by, open, nextRun]);
+  const order = useMemo(() => sorted(rows, sort, nextRun), [rows, sort, nextRun]);
+  const found = useMemo(() => filtered(order, query), [order, typed, health, path, next]);
+  const all = useMemo(() => lines(found, query), [found, sort, by, open]);
   const counts = useMemo(() => {
     const sums = {};
     for (const row of rows) sums[row.health] = (sums[row.health] ?? 0) + 1;
@@ -104,13 +110,13 @@ function Systems({ rows, complete, running, schedules, query }) {
   }, [rows]);
   const page = Math.min(Math.max(Number(query.page) || 1, 1), Math.max(Math.ceil(all.length / PAGE_SIZE), 1));
   const shown = all.slice((page - 1) * PAGE_SIZE, page * PAGE_SIZE);
-  const nameOf = line => line.group ?? line.system;
+  const nameOf = line => line.head ?? line.system;
   const place = Math.max(all.findIndex(line => nameOf(line) === at), 0);
   const current = all[place];
   const wanted = useRef(null);
   useEffect(() => {
     // A step to another page ends at its row.
-    if (wanted.current) table.current?.querySelector('tr[aria-current=true] a, tr[aria-current=true] button')?.focus();
+    if (wanted.current) table.current?.querySelector(CURRENT)?.focus();
     wanted.current = null;
   });
   const move = step => {
@@ -138,7 +144,7 @@ function Systems({ rows, complete, running, schedules, query }) {
       null,
       () => (document.activeElement?.closest('a, button, summary') ?? null)?.click() ?? (current?.system && go(systemAddress(current.system))),
     ],
-    x: ['select the row', () => current && (current.group ? choose(current.rows.map(row => row.system)) : toggle(current.system))],
+    x: ['select the row', () => current && (current.head ? choose(current.rows.map(row => row.system)) : toggle(current.system))],
     r: ['refit what is selected, or the row', () => refit(chosen.size ? [...chosen] : current?.system ? [current.system] : [])],
     e: ['change the group of what is selected, or of the row', () => setRegrouped(chosen.size ? chosenRows() : current?.system ? [current] : null)],
   });

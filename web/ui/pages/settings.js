@@ -63,6 +63,8 @@ export function Settings({ system, document, changed }) {
     <div class="grid">
       <div>
         <label>What people call it<input value=${draft.label} onInput=${event => set({ label: event.target.value })} /></label>
+        <label>Group: where people look for it, as in North house/Floor 2
+          <input value=${draft.group ?? ''} maxlength="200" onInput=${event => set({ group: event.target.value })} /></label>
         <label>Model whose fits are served
           <select value=${draft.model ?? ''} onChange=${event => set({ model: event.target.value || undefined })}>
             ${[...new Set([draft.model ?? '', ...(models.data ?? []).map(model => model.id)])].map(

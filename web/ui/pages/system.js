@@ -116,7 +116,9 @@ function Head({ system, document, params, row, fits, chosen, query, refit }) {
         <${Flags} of=${params?.flags ?? []} model=${params?.model} brief /></div>
       <span class="row"><button onClick=${diagnose}>Find what is missing</button><button class="main" onClick=${refit}>Refit</button></span>
     </div>
-    ${row && html`<p><${Status} of=${row.health} label="" /> ${plainly(row.why)}</p>`}
+    ${row && html`<p><${Status} of=${row.health} label="" /> ${plainly(row.why)}${
+      !['none', 'wait'].includes(row.next.code) && html` <a href=${row.next.href}>${row.next.text}</a>`
+    }</p>`}
     <div class="row apart">
       ${chosen ? html`<${Figures} fit=${chosen} query=${query} />` : ''}
       ${

@@ -18,7 +18,7 @@ function byReason(rows) {
 }
 
 export function Upload({ system, document, done, changed, open }) {
-  const reading = useReading(document.location?.zone ?? null);
+  const reading = useReading(document.location?.zone ?? null, document.channels);
   const [answer, setAnswer] = useState(null);
   const [error, setError] = useState(null);
   const { body, data, columns, leave } = reading;

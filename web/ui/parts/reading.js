@@ -31,11 +31,20 @@ const DATES = {
 };
 const SEPARATORS = { ',': 'commas', ';': 'semicolons', '\t': 'tabs', '|': 'bars' };
 
+/** A column as it was confirmed for an earlier file, or as it is proposed. */
+function understood(column, bindings) {
+  const [channel, said] = Object.entries(bindings).find(([, bound]) => bound === column.column || bound.startsWith(`${column.column}[`)) ?? [];
+  if (!channel) return { ...column, use: column.channel !== null, channel: column.channel ?? nameOf(column) };
+  const unit = column.stated || said === column.column ? column.unit : said.slice(column.column.length + 1, -1);
+  return { ...column, use: true, channel, unit };
+}
+
 /**
  * A file on its way: `{body, data, error, zone, dates, columns, take, leave, say, change}`. `known` is the zone that goes
- * without asking; otherwise that of this browser is proposed where the file needs one.
+ * without asking; otherwise that of this browser is proposed where the file needs one. `bindings` are the columns that were
+ * confirmed before.
  */
-export function useReading(known = null) {
+export function useReading(known = null, bindings = {}) {
   const [body, setBody] = useState(null);
   const [said, setSaid] = useState({ zone: known, dates: null });
   const [state, setState] = useState({ data: null, error: null });
@@ -48,7 +57,7 @@ export function useReading(known = null) {
         if (data.asks.includes('zone')) setSaid(before => ({ ...before, zone: Intl.DateTimeFormat().resolvedOptions().timeZone }));
         else {
           setState({ data, error: null });
-          setColumns(data.columns.map(column => ({ ...column, use: column.channel !== null, channel: column.channel ?? nameOf(column) })));
+          setColumns(data.columns.map(column => understood(column, bindings)));
         }
       },
       error => error.name !== 'AbortError' && setState({ data: null, error }),

@@ -31,6 +31,7 @@ mod models;
 mod nights;
 mod notify;
 mod operators;
+mod overview;
 mod params;
 mod plants;
 mod preview;
