@@ -20,7 +20,7 @@ export function Mornings() {
   const empty = html`<${Empty} title="No night has passed yet"><p>Schedules fit and diagnose rooms by night; each morning has a report here.
     <a href=${address(['schedules'])}>See when they run</a>, or run one now.</p></${Empty}>`;
   return html`<h1>Mornings</h1>
-    <p>What each night has come to: what changed, who was refused and why, and what to do next. The same is a mail:
+    <p>What each night has come to: what changed, who was refused and why, and what to do next. The same is a mail:${' '}
       <code>GET /nights/${'{date}'}</code> as <code>text/html</code>.</p>
     <${Shown} of=${nights} what="the nights" empty=${empty} show=${list => {
       const days = new Map();
@@ -55,7 +55,7 @@ function Report({ data }) {
     <h2>What to do next</h2>
     ${data.next.length === 0 && html`<p><${Status} of="ok" label="Nothing: every room serves what it should." /></p>`}
     ${data.next.length > 0 && html`<ol class="next">${data.next.map(
-      step => html`<li><a href=${step.link}>${step.what}</a> <${Names} systems=${step.systems} /></li>`,
+      step => html`<li><a href=${step.link}>${step.what}</a> ${step.systems.length > 1 && html`<${Names} systems=${step.systems} />`}</li>`,
     )}</ol>`}
     ${data.doubtful.length > 0 && html`<${Table} caption="Not to be relied on now" columns=${[['system'], ['status'], ['since'], ['last measured'], ['why']]}
       rows=${data.doubtful.map(one => [

@@ -133,11 +133,12 @@ pub fn page(report: &NightReport, base: &str) -> String {
     if !report.next.is_empty() {
         let mut list = String::from("<ol style=\"margin:0;padding-left:22px\">");
         for step in &report.next {
+            // One system is named in the sentence already.
+            let named = if step.systems.len() > 1 { names(base, &step.systems, "") } else { String::new() };
             let _ = write!(
                 list,
-                "<li style=\"margin:4px 0\">{} {}</li>",
-                link(base, &step.link, &step.what),
-                names(base, &step.systems, "")
+                "<li style=\"margin:4px 0\">{} {named}</li>",
+                link(base, &step.link, &step.what)
             );
         }
         section("What to do next", list + "</ol>");

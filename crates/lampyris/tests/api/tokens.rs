@@ -65,7 +65,7 @@ fn furnished(app: &TestApp) -> impl Fn(&str) -> String + use<> {
             "fits" => &fit,
             "windows" => &window,
             "diagnoses" => &diagnosis,
-            "batches" => &batch,
+            "batches" | "nights" => &batch,
             "models" => "rc2",
             "effects" => "wind_infiltration",
             _ => "1",

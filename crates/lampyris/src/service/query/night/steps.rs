@@ -50,11 +50,12 @@ pub(super) fn next_steps(
     let lost = names(&|one| one.lost);
     let mut steps = Vec::new();
     if !degraded.is_empty() {
-        let what = format!("Look at {}: its forecasts no longer fit what is measured.", counted(&degraded));
+        let what = format!("Look at {}: forecasts no longer fit what is measured there.", counted(&degraded));
         steps.push(NextStep { what, link: place(&degraded, "fails", "/ui/?health=bad"), systems: degraded });
     }
     if !lost.is_empty() {
-        let what = format!("Find out why {} sends no measurements.", counted(&lost));
+        let verb = if lost.len() == 1 { "sends" } else { "send" };
+        let what = format!("Find out why {} {verb} no measurements.", counted(&lost));
         steps.push(NextStep { what, link: place(&lost, "data", "/ui/?health=attention"), systems: lost });
     }
     let worthwhile =
@@ -70,7 +71,8 @@ pub(super) fn next_steps(
         steps.push(NextStep { what, link, systems: waiting.to_vec() });
     }
     for group in refused.iter().filter(|group| group.outcome != Outcome::Held.as_str()) {
-        let what = format!("Look at {}: {} ({}).", counted(&group.systems), group.why, group.rule);
+        let of = if group.systems.len() == 1 { "" } else { " of the first" };
+        let what = format!("Look at {}, by {}{of}: {}.", counted(&group.systems), group.rule, group.why);
         let link = place(&group.systems, "parameters", "/ui/?health=attention");
         steps.push(NextStep { what, link, systems: group.systems.clone() });
     }
@@ -81,7 +83,7 @@ pub(super) fn next_steps(
 fn counted(systems: &[String]) -> String {
     match systems {
         [one] => one.clone(),
-        many => format!("each of {} systems", many.len()),
+        many => format!("{} systems", many.len()),
     }
 }
 
