@@ -1,14 +1,16 @@
 //! How far a diagnosis has come: which effects have been tried, who leads, and what is still to be done.
 //!
-//! What is still to be done is counted in stages, from which a caller with a clock says how long it will take.
+//! What is still to be done is counted in stages, from which a caller with a clock says how long it will
+//! take.
 
 use super::acceptance::LEAST_BIC;
-use crate::estimate::{Control, Plan, Progress, Stage, Trials};
+use crate::estimate::{Control, Plan, Progress, Trials, WorkStage};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Free-run error over the noise floor above which the first round probably finds something.
 const PROMISING_RHO: f64 = 1.1;
-/// How probably a round finds something: of which nothing is known, which promises something, and which does not.
+/// How probably a round finds something: of which nothing is known, which promises something, and which
+/// does not.
 const CHANCE: f64 = 0.5;
 const LIKELY: f64 = 0.9;
 const UNLIKELY: f64 = 0.1;
@@ -47,9 +49,9 @@ impl State {
     /// So many refits are expected in this round, and what follows them.
     fn expect(&mut self, refits: f64) {
         self.refits = refits;
-        self.trials.plan.expect(Stage::Begin, refits);
-        self.trials.plan.expect(Stage::Refit, refits);
-        self.trials.plan.expect(Stage::Judge, judging(refits));
+        self.trials.plan.expect(WorkStage::Begin, refits);
+        self.trials.plan.expect(WorkStage::Refit, refits);
+        self.trials.plan.expect(WorkStage::Judge, judging(refits));
     }
 
     /// What is left of this round, and what rounds behind it are expected to take.
@@ -64,16 +66,16 @@ impl State {
             1 => 1.0,
             _ => ROUNDS_BEHIND,
         };
-        let chance = if self.trials.plan.stage() == Stage::Name { 1.0 } else { chance };
-        let named = if self.trials.plan.stage() == Stage::Name { 0.0 } else { chance };
+        let chance = if self.trials.plan.stage() == WorkStage::Name { 1.0 } else { chance };
+        let named = if self.trials.plan.stage() == WorkStage::Name { 0.0 } else { chance };
         let refits = REFITTED[1] * self.trials.of as f64;
         let rounds = chance * behind;
         self.trials.plan.and(&[
-            (Stage::Name, named + chance * (behind - behind.min(1.0))),
-            (Stage::Screen, rounds),
-            (Stage::Begin, rounds * refits),
-            (Stage::Refit, rounds * refits),
-            (Stage::Judge, rounds * judging(refits)),
+            (WorkStage::Name, named + chance * (behind - behind.min(1.0))),
+            (WorkStage::Screen, rounds),
+            (WorkStage::Begin, rounds * refits),
+            (WorkStage::Refit, rounds * refits),
+            (WorkStage::Judge, rounds * judging(refits)),
         ])
     }
 }
@@ -84,10 +86,10 @@ impl<'a> Course<'a> {
         let course = Self { control, rounds, state: Mutex::default() };
         course.tell(|state| {
             (state.trials.of, state.chance) = (effects, CHANCE);
-            state.trials.plan.expect(Stage::Fit, 1.0);
-            state.trials.plan.enter(Stage::Settle, 1.0);
+            state.trials.plan.expect(WorkStage::Fit, 1.0);
+            state.trials.plan.enter(WorkStage::Settle, 1.0);
             state.expect(REFITTED[0] * effects as f64);
-            state.trials.plan.expect(Stage::Screen, 1.0);
+            state.trials.plan.expect(WorkStage::Screen, 1.0);
         });
         course
     }
@@ -108,7 +110,7 @@ impl<'a> Course<'a> {
             let Trials { round, plan, .. } = std::mem::take(&mut state.trials);
             state.trials = Trials { round: round + 1, of: effects, plan, ..Trials::default() };
             state.chance = if round == 0 && rho >= PROMISING_RHO { LIKELY } else { UNLIKELY };
-            state.trials.plan.enter(Stage::Screen, 1.0);
+            state.trials.plan.enter(WorkStage::Screen, 1.0);
             state.expect(REFITTED[usize::from(round > 0)] * effects as f64);
         });
     }
@@ -116,25 +118,25 @@ impl<'a> Course<'a> {
     /// Of the effects so many are still `open`: some are searched from the nominal values, and at least so
     /// many refits follow.
     pub(super) fn restarting(&self, open: usize, restarts: usize, refits: usize) {
-        self.enter(Stage::Restart, restarts, open, refits);
+        self.enter(WorkStage::Restart, restarts, open, refits);
     }
 
     /// So many effects are `open`, and go the first part of their way.
     pub(super) fn beginning(&self, open: usize) {
-        self.enter(Stage::Begin, open, open, open);
+        self.enter(WorkStage::Begin, open, open, open);
     }
 
     /// They go the rest of it.
     pub(super) fn going_on(&self, open: usize) {
-        self.enter(Stage::Refit, open, open, open);
+        self.enter(WorkStage::Refit, open, open, open);
     }
 
-    fn enter(&self, stage: Stage, units: usize, open: usize, refits: usize) {
+    fn enter(&self, stage: WorkStage, units: usize, open: usize, refits: usize) {
         self.tell(|state| {
             state.trials.tried = state.trials.of.saturating_sub(open);
             state.expect(refits as f64);
-            if stage == Stage::Refit {
-                state.trials.plan.expect(Stage::Begin, 0.0);
+            if stage == WorkStage::Refit {
+                state.trials.plan.expect(WorkStage::Begin, 0.0);
             }
             state.trials.plan.enter(stage, units as f64);
         });
@@ -175,7 +177,7 @@ impl<'a> Course<'a> {
     pub(super) fn judging(&self) {
         self.tell(|state| {
             let judged = judging(state.refits);
-            state.trials.plan.enter(Stage::Judge, judged);
+            state.trials.plan.enter(WorkStage::Judge, judged);
         });
     }
 
@@ -192,7 +194,7 @@ impl<'a> Course<'a> {
 
     /// What was found is taken in and described.
     pub(super) fn naming(&self) {
-        self.tell(|state| state.trials.plan.enter(Stage::Name, 1.0));
+        self.tell(|state| state.trials.plan.enter(WorkStage::Name, 1.0));
     }
 
     fn tell(&self, change: impl FnOnce(&mut State)) {

@@ -182,7 +182,7 @@ pub fn page(report: &NightReport, base: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::query::night::report::NextStep;
+    use crate::service::query::night::report::MorningStep;
 
     #[test]
     fn whatever_a_report_says_is_text_and_long_lists_are_counted() {
@@ -203,7 +203,7 @@ mod tests {
             }],
             skipped: Vec::new(),
             doubtful: Vec::new(),
-            next: vec![NextStep { what: "Look".into(), systems: Vec::new(), link: "/ui/?a=1&b=2".into() }],
+            next: vec![MorningStep { what: "Look".into(), systems: Vec::new(), link: "/ui/?a=1&b=2".into() }],
         };
         let page = page(&report, "http://127.0.0.1:8080");
         assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt; &amp; more"), "{page}");

@@ -8,7 +8,7 @@ use super::shared::Shared;
 use crate::service::catalogue::system::document;
 use crate::service::serving::body::Status;
 use crate::service::serving::health::{
-    Facts, Health, NextStep, Served, Standing, ahead, standing, standing_of_site, worst_output,
+    Facts, Health, NextStep, Served, SystemHealth, ahead, standing, standing_of_site, worst_output,
 };
 use crate::service::{Service, blocking};
 use crate::store;
@@ -92,8 +92,8 @@ struct SystemRow {
     error: IndexMap<String, RowError>,
     /// The output that fares worst of what is served; where nothing is, of the newest fit of the model.
     quality: Option<Quality>,
-    /// The validation errors of the first output, of the last 14 fits of the model that are no experiments and
-    /// kept no test part aside, the newest at the end; only `with=trend`.
+    /// The validation errors of the first output, of the last 14 fits of the model that are no experiments
+    /// and kept no test part aside, the newest at the end; only `with=trend`.
     #[serde(skip_serializing_if = "Option::is_none")]
     trend: Option<Vec<f64>>,
     /// What the gate wants said of it.
@@ -220,7 +220,7 @@ impl ReadPage {
             stale_after: policy.stale_after,
             now: service.now(),
         };
-        let Standing { health, why, next } = match &record.model {
+        let SystemHealth { health, why, next } = match &record.model {
             Some(_) => standing(&facts),
             None => standing_of_site(&facts),
         };

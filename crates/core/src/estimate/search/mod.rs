@@ -4,7 +4,8 @@
 //! Problem, Method --drive: ask, simulate, tell--> SearchResult
 //! ```
 //!
-//! `control` is what a caller sees of it and how it is stopped, `pace` how long what comes behind it will take.
+//! `control` is what a caller sees of it and how it is stopped, `pace` how long what comes behind it
+//! will take.
 
 pub mod control;
 pub(super) mod drive;

@@ -4,7 +4,7 @@
 
 /// A stretch of a diagnosis, or of a ladder, whose units take about equally long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Stage {
+pub enum WorkStage {
     /// The fit of the model as it is.
     #[default]
     Fit,
@@ -25,8 +25,8 @@ pub enum Stage {
 }
 
 const STAGES: usize = 8;
-/// What a unit of each stage usually takes beside the others: all that is known of a stage before its first unit
-/// has been seen.
+/// What a unit of each stage usually takes beside the others: all that is known of a stage before its first
+/// unit has been seen.
 const USUAL: [f64; STAGES] = [1.0, 1.0, 0.5, 0.05, 0.08, 0.1, 0.43, 1.0];
 /// So many units of a stage count for as much as what is usual.
 const DOUBT: f64 = 1.0;
@@ -36,19 +36,19 @@ const OVERDUE: f64 = 0.3;
 /// Units of work by stage: those that are done, and those that are expected.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plan {
-    stage: Stage,
+    stage: WorkStage,
     done: [f64; STAGES],
     left: [f64; STAGES],
 }
 
 impl Plan {
     /// So many units are expected of a stage.
-    pub fn expect(&mut self, stage: Stage, units: f64) {
+    pub fn expect(&mut self, stage: WorkStage, units: f64) {
         self.left[stage as usize] = units;
     }
 
     /// A stage of so many units begins; the one before is over.
-    pub fn enter(&mut self, stage: Stage, units: f64) {
+    pub fn enter(&mut self, stage: WorkStage, units: f64) {
         let over = self.stage as usize;
         // The last stretch of a stage has no event of its own.
         self.done[over] += self.left[over];
@@ -58,7 +58,7 @@ impl Plan {
     }
 
     /// Where the work is.
-    pub fn stage(&self) -> Stage {
+    pub fn stage(&self) -> WorkStage {
         self.stage
     }
 
@@ -71,7 +71,7 @@ impl Plan {
 
     /// The same with further units behind those that are left.
     #[must_use]
-    pub fn and(&self, further: &[(Stage, f64)]) -> Self {
+    pub fn and(&self, further: &[(WorkStage, f64)]) -> Self {
         let mut more = self.clone();
         further.iter().for_each(|(stage, units)| more.left[*stage as usize] += units);
         more
@@ -119,11 +119,17 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// A plan that has come to the refits of a round, after so many seconds for the fit and for each stage since.
+    /// A plan that has come to the refits of a round, after so many seconds for the fit and for each stage
+    /// since.
     fn refitting(pace: &mut Pace, seconds: f64) -> Plan {
         let mut plan = Plan::default();
-        plan.expect(Stage::Fit, 1.0);
-        let stages = [(Stage::Settle, 1.0), (Stage::Screen, 1.0), (Stage::Begin, 10.0), (Stage::Refit, 10.0)];
+        plan.expect(WorkStage::Fit, 1.0);
+        let stages = [
+            (WorkStage::Settle, 1.0),
+            (WorkStage::Screen, 1.0),
+            (WorkStage::Begin, 10.0),
+            (WorkStage::Refit, 10.0),
+        ];
         for (number, (stage, units)) in stages.into_iter().enumerate() {
             plan.enter(stage, units);
             pace.note(seconds * (number + 1) as f64, &plan);
@@ -136,12 +142,12 @@ mod tests {
         let mut pace = Pace::default();
         assert_eq!((pace.left(5.0), pace.share(5.0)), (None, None));
         let mut plan = Plan::default();
-        plan.expect(Stage::Fit, 1.0);
-        plan.enter(Stage::Settle, 1.0);
+        plan.expect(WorkStage::Fit, 1.0);
+        plan.enter(WorkStage::Settle, 1.0);
         pace.note(10.0, &plan);
         let left = pace.left(10.0).unwrap();
         assert!(
-            (left - 10.0 * USUAL[Stage::Settle as usize] / USUAL[Stage::Fit as usize]).abs() < 1e-9,
+            (left - 10.0 * USUAL[WorkStage::Settle as usize] / USUAL[WorkStage::Fit as usize]).abs() < 1e-9,
             "{left}"
         );
         assert!((pace.share(10.0).unwrap() - 10.0 / (10.0 + left)).abs() < 1e-9);
@@ -162,7 +168,7 @@ mod tests {
         assert!((pace.left(50.0).unwrap() - (left - 1.0)).abs() < 1e-9);
         // A later stage takes what the stages that were seen say of the machine.
         let judging = pace.left(49.0).map(|before| {
-            pace.note(49.0, &plan.and(&[(Stage::Judge, 1.0)]));
+            pace.note(49.0, &plan.and(&[(WorkStage::Judge, 1.0)]));
             pace.left(49.0).unwrap() - before
         });
         assert!(judging.is_some_and(|more| more > 1.0), "{judging:?}");
@@ -172,7 +178,7 @@ mod tests {
     fn what_takes_longer_than_expected_is_never_about_to_end() {
         let mut pace = Pace::default();
         let mut plan = refitting(&mut pace, 1.0);
-        plan.enter(Stage::Judge, 1.0);
+        plan.enter(WorkStage::Judge, 1.0);
         pace.note(5.0, &plan);
         for running in [50.0, 100.0, 200.0] {
             assert!((pace.left(5.0 + running).unwrap() - OVERDUE * running).abs() < 1e-9);
@@ -182,11 +188,14 @@ mod tests {
     #[test]
     fn a_stage_that_is_over_leaves_nothing_to_do() {
         let mut plan = Plan::default();
-        plan.enter(Stage::Begin, 5.0);
+        plan.enter(WorkStage::Begin, 5.0);
         plan.step();
-        plan.enter(Stage::Refit, 2.0);
-        assert_eq!((plan.done[Stage::Begin as usize], plan.left[Stage::Begin as usize]), (5.0, 0.0));
-        let further = plan.and(&[(Stage::Refit, 3.0), (Stage::Judge, 1.0)]);
-        assert_eq!((further.left[Stage::Refit as usize], further.left[Stage::Judge as usize]), (5.0, 1.0));
+        plan.enter(WorkStage::Refit, 2.0);
+        assert_eq!((plan.done[WorkStage::Begin as usize], plan.left[WorkStage::Begin as usize]), (5.0, 0.0));
+        let further = plan.and(&[(WorkStage::Refit, 3.0), (WorkStage::Judge, 1.0)]);
+        assert_eq!(
+            (further.left[WorkStage::Refit as usize], further.left[WorkStage::Judge as usize]),
+            (5.0, 1.0)
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! What decides how a system fares, one reason after another.
 
 use super::health::{
-    Facts, Health, NextCode, Served, Standing, ahead, standing, standing_of_site, worst_output,
+    Facts, Health, NextCode, Served, SystemHealth, ahead, standing, standing_of_site, worst_output,
 };
 use crate::store::diagnoses::MissingEffect;
 use crate::store::fits::ListedFit;
@@ -97,11 +97,11 @@ fn facts(system: &SystemId) -> Facts<'_> {
     }
 }
 
-fn of_served(change: Value) -> Standing {
+fn of_served(change: Value) -> SystemHealth {
     standing(&Facts { served: Some(&served(change)), ..facts(&room()) })
 }
 
-fn of_quality(metrics: Value, diagnosis: Option<&PresentDiagnosis>) -> Standing {
+fn of_quality(metrics: Value, diagnosis: Option<&PresentDiagnosis>) -> SystemHealth {
     let (served, fit) = (served(json!({})), fit(metrics));
     standing(&Facts { served: Some(&served), fit: Some(&fit), diagnosis, ..facts(&room()) })
 }
@@ -109,7 +109,7 @@ fn of_quality(metrics: Value, diagnosis: Option<&PresentDiagnosis>) -> Standing 
 #[test]
 fn what_is_served_decides_first() {
     let word = |change: Value| {
-        let Standing { health, next, .. } = of_served(change);
+        let SystemHealth { health, next, .. } = of_served(change);
         (health, next.code)
     };
     let reason = |reason: &str| json!({"reason": reason, "job": "job_2"});
@@ -132,7 +132,7 @@ fn what_is_served_decides_first() {
 #[test]
 fn flags_ask_for_a_look_where_somebody_can_do_something() {
     let word = |flags: Value| {
-        let Standing { health, next, .. } = of_served(json!({ "flags": flags }));
+        let SystemHealth { health, next, .. } = of_served(json!({ "flags": flags }));
         (health, next.code)
     };
     let harmless =
@@ -223,7 +223,7 @@ fn age_is_no_fault_of_the_parameters() {
 fn the_newest_job_decides_where_nothing_is_served() {
     let system = room();
     let of = |newest: Option<&JobRecord>| {
-        let Standing { health, next, .. } = standing(&Facts { newest, ..facts(&system) });
+        let SystemHealth { health, next, .. } = standing(&Facts { newest, ..facts(&system) });
         (health, next.code)
     };
     let word = |state| of(Some(&job(state)));

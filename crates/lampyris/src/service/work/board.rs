@@ -218,7 +218,7 @@ impl Running {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lampyris_core::estimate::{Plan, Stage};
+    use lampyris_core::estimate::{Plan, WorkStage};
 
     fn running(told_before: Duration) -> Live {
         let lease = Lease { job: "job_1".into(), boot: 1, attempt: 1 };
@@ -283,8 +283,8 @@ mod tests {
         let began = Instant::now().checked_sub(Duration::from_secs(30)).unwrap();
         held(&live.running).as_mut().unwrap().since = began;
         let mut plan = Plan::default();
-        plan.expect(Stage::Fit, 1.0);
-        plan.enter(Stage::Settle, 1.0);
+        plan.expect(WorkStage::Fit, 1.0);
+        plan.enter(WorkStage::Settle, 1.0);
         let trials = Trials { round: 1, tried: 3, of: 12, plan, ..Trials::default() };
         live.report(&Progress { evaluations: 400, trials: Some(trials), ..Progress::default() });
         let report = report();

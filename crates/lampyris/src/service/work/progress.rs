@@ -17,8 +17,8 @@ pub struct ProgressReport {
     /// Free-run error of the best candidate on the validation part, as of the last look at it.
     pub best_validation: Option<f64>,
     /// Seconds until the budget is used up at this pace; it may end sooner. Of a diagnosis and a ladder the
-    /// seconds that are expected to be left, from what each of their stages has taken so far, once the model is
-    /// fitted: right within a factor of two, mostly.
+    /// seconds that are expected to be left, from what each of their stages has taken so far, once the
+    /// model is fitted: right within a factor of two, mostly.
     pub eta_s: Option<f64>,
     /// Of a diagnosis and a ladder, once the model is fitted.
     pub trials: Option<Trials>,

@@ -1,6 +1,6 @@
 //! What is not to be relied on now, and what to do next.
 
-use super::report::{DoubtfulSystem, NextStep, RefusalGroup};
+use super::report::{DoubtfulSystem, MorningStep, RefusalGroup};
 use crate::service::query::matrix::effects::MatrixEffect;
 use crate::service::serving::body::Status;
 use crate::store::jobs::Outcome;
@@ -42,7 +42,7 @@ pub(super) fn next_steps(
     effects: &[MatrixEffect],
     waiting: &[String],
     refused: &[RefusalGroup],
-) -> Vec<NextStep> {
+) -> Vec<MorningStep> {
     let names = |wanted: &dyn Fn(&DoubtfulSystem) -> bool| -> Vec<String> {
         doubtful.iter().filter(|one| wanted(one)).map(|one| one.system.clone()).collect()
     };
@@ -51,30 +51,34 @@ pub(super) fn next_steps(
     let mut steps = Vec::new();
     if !degraded.is_empty() {
         let what = format!("Look at {}: forecasts no longer fit what is measured there.", counted(&degraded));
-        steps.push(NextStep { what, link: place(&degraded, "fails", "/ui/?health=bad"), systems: degraded });
+        steps.push(MorningStep {
+            what,
+            link: place(&degraded, "fails", "/ui/?health=bad"),
+            systems: degraded,
+        });
     }
     if !lost.is_empty() {
         let verb = if lost.len() == 1 { "sends" } else { "send" };
         let what = format!("Find out why {} {verb} no measurements.", counted(&lost));
-        steps.push(NextStep { what, link: place(&lost, "data", "/ui/?health=attention"), systems: lost });
+        steps.push(MorningStep { what, link: place(&lost, "data", "/ui/?health=attention"), systems: lost });
     }
     let worthwhile =
         |one: &&MatrixEffect| one.lacking > 0 && one.mean_saving.is_some_and(|s| s >= WORTHWHILE);
     for effect in effects.iter().filter(worthwhile).take(PROPOSED) {
         let what = format!("Add an effect: {}.", effect.sentence);
         let link = format!("/ui/building?effect={}", effect.effect);
-        steps.push(NextStep { what, link, systems: Vec::new() });
+        steps.push(MorningStep { what, link, systems: Vec::new() });
     }
     if !waiting.is_empty() {
         let what = format!("Say yes or no to the fit of {}: the gate leaves it to you.", counted(waiting));
         let link = place(waiting, "parameters", "/ui/?health=attention");
-        steps.push(NextStep { what, link, systems: waiting.to_vec() });
+        steps.push(MorningStep { what, link, systems: waiting.to_vec() });
     }
     for group in refused.iter().filter(|group| group.outcome != Outcome::Held.as_str()) {
         let of = if group.systems.len() == 1 { "" } else { " of the first" };
         let what = format!("Look at {}, by {}{of}: {}.", counted(&group.systems), group.rule, group.why);
         let link = place(&group.systems, "parameters", "/ui/?health=attention");
-        steps.push(NextStep { what, link, systems: group.systems.clone() });
+        steps.push(MorningStep { what, link, systems: group.systems.clone() });
     }
     steps
 }
