@@ -147,9 +147,10 @@ impl Builder {
                 let detail = format!(
                     "between two samples `{channel}` is no straight line: it begins again at midnight"
                 );
-                self.lowering
-                    .faults
-                    .push(Fault::new(format!("{pointer}/hold"), "hold", detail).suggest("write hold = \"zero_order\""));
+                self.lowering.faults.push(
+                    Fault::new(format!("{pointer}/hold"), "hold", detail)
+                        .suggest("write hold = \"zero_order\""),
+                );
             }
             let there = bindings.channels.as_ref().is_none_or(|channels| channels.contains(&channel));
             let node = Node::Input(self.inputs.len() as u16, Point::Start);

@@ -129,7 +129,9 @@ async fn demonstrate(arguments: &Arguments, folder: PathBuf) -> Result<(), Failu
     let service = app.service();
     let page = format!("http://{}/ui/", app.addr);
     if !arguments.json {
-        print(&format!("The page is {page}, and shows what follows as it happens. It takes about a minute.\n"));
+        print(&format!(
+            "The page is {page}, and shows what follows as it happens. It takes about a minute.\n"
+        ));
     }
     let start = Instant::now();
     let mut submitted = Vec::new();

@@ -108,19 +108,27 @@ fn history_goes_only_by_force_and_then_completely() {
 #[test]
 fn a_zone_stands_alone_and_half_a_place_is_named() {
     let app = TestApp::start();
-    let put = |location: Value| {
-        app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "location": location}))
-    };
+    let put =
+        |location: Value| app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "location": location}));
     let kept = put(json!({"zone": "Asia/Tokyo"})).expect(201).json();
     assert_eq!(kept["location"], json!({"zone": "Asia/Tokyo"}));
     for (location, pointer, code, says) in [
-        (json!({"lat": 35.0, "zone": "Asia/Tokyo"}), "/location/lon", "missing-field", "the longitude is missing"),
+        (
+            json!({"lat": 35.0, "zone": "Asia/Tokyo"}),
+            "/location/lon",
+            "missing-field",
+            "the longitude is missing",
+        ),
         (json!({"lon": 130.0}), "/location/lat", "missing-field", "the latitude is missing"),
         (json!({"lat": "", "lon": 130.0}), "/location/lat", "wrong-type", "expected a number"),
         (json!({"lat": 35.0, "lon": 181.0}), "/location/lon", "out-of-range", "between -180 and 180"),
     ] {
         let fault = put(location).problem(422, "invalid-request")["errors"][0].clone();
-        assert_eq!((fault["pointer"].as_str(), fault["code"].as_str()), (Some(pointer), Some(code)), "{fault}");
+        assert_eq!(
+            (fault["pointer"].as_str(), fault["code"].as_str()),
+            (Some(pointer), Some(code)),
+            "{fault}"
+        );
         assert!(fault["detail"].as_str().unwrap().contains(says), "{fault}");
     }
     assert_eq!(app.get("/systems/room/1").json()["location"], json!({"zone": "Asia/Tokyo"}));

@@ -31,7 +31,11 @@ pub async fn wait(
     hidden: bool,
     what: &str,
 ) -> Result<Vec<JobRecord>, Failure> {
-    let say = |text: &str| if !hidden { print(text) };
+    let say = |text: &str| {
+        if !hidden {
+            print(text)
+        }
+    };
     say(&format!("{what} …"));
     let start = Instant::now();
     let mut told = Vec::new();
