@@ -20,8 +20,8 @@ export function When({ title, value, zone, change }) {
     <label>${title} (${zone})<input type="datetime-local" step="any" required value=${text} aria-invalid=${never ? 'true' : null}
       aria-describedby=${never ? id : null} onInput=${write} /></label>
     ${times.length === 2 && html`<label>The clock shows it twice<select value=${times.indexOf(value)} onChange=${event => change(times[event.target.value])}>
-      ${times.map((at, which) => html`<option value=${which} selected=${at === value}>${which ? 'after' : 'before'} it is set back,
-        ${offsetName(at, zone)}</option>`)}</select></label>`}
+      ${times.map((at, which) => html`<option value=${which} selected=${at === value}>${
+        `${which ? 'after' : 'before'} it is set back, ${offsetName(at, zone)}`}</option>`)}</select></label>`}
     <div id=${id} class="faults" aria-live="polite">${never && html`<p>▲ The clocks of ${zone} are set forward over this time: it never comes.</p>`}</div>
   </div>`;
 }

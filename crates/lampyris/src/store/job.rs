@@ -47,8 +47,8 @@ words! {
     JobOrder {
         /// All, the one that was submitted last first.
         Submitted = "submitted",
-        /// Those that wait, the one whose turn it is first. Where tenants share the queue, each has an
-        /// order of its own, and they take turns.
+        /// Those that wait, the one whose turn it is first. Where tenants share the queue, each has an order
+        /// of its own, and they take turns.
         Turn = "turn",
         /// Those that have ended, the newest end first.
         Ended = "ended",
