@@ -1,6 +1,7 @@
 // Parameters by what people call them, with the symbol of the equations beside it.
 import { html } from '../html.js';
 import { ask, useResource } from '../api.js';
+import { REPORT } from '../carried.js';
 import { titleFor } from '../format.js';
 
 /** The title of a parameter as a document has it: `heat exchange, floor to room air`. */
@@ -8,11 +9,12 @@ export const titleOf = ({ quantity, title }) => [quantity, title].filter(Boolean
 
 /**
  * All that the documents of a model say of its parameters, by symbol; a family has the symbol before its brackets. What is
- * compiled without a system lacks the parameters that only some channels bring, so the base is read as well.
+ * compiled without a system lacks the parameters that only some channels bring, so the base is read as well, where there is
+ * one: what a report carries is compiled with its channels.
  */
 async function parametersOf(path, options) {
   const model = await ask(path, options);
-  const base = model.document?.base ? await ask(`/models/${encodeURIComponent(model.document.base)}`, options) : model;
+  const base = model.document?.base && !REPORT ? await ask(`/models/${encodeURIComponent(model.document.base)}`, options) : model;
   const written = Object.entries((base.expanded ?? base.document)?.parameters ?? {});
   return Object.fromEntries([
     ...written.map(([key, { scale, ...entry }]) => [key.split('[')[0], { scale, title: titleOf(entry) }]),
