@@ -9,7 +9,7 @@ export async function building(chrome, { base }) {
     await page.goto(`${base}/ui/`);
     await page.keyboard.press('g');
     await page.keyboard.press('b');
-    await page.getByRole('listitem').filter({ hasText: /rooms?$/m }).first().waitFor();
+    await page.getByRole('listitem').filter({ hasText: 'mean error' }).first().waitFor();
     await page.getByText(lag.sentence.slice(1)).waitFor();
     // Arrow keys walk over the grid, what a cell says is read out and shown, and Enter opens the room.
     const grid = page.getByRole('grid', { name: 'Effects beside rooms' });

@@ -135,8 +135,9 @@ function Path({ path }) {
 
 function Tile({ tile }) {
   const { name, path, rows, counts, worst, mean, unit } = tile;
+  const noun = rows.every(row => row.system.startsWith('room/')) ? 'room' : 'system';
   return html`<li class="card tile">
-    <h2><a href=${address(['building'], { group: path })}>${name}</a> <span class="quiet">${rows.length} ${rows.length === 1 ? 'room' : 'rooms'}</span></h2>
+    <h2><a href=${address(['building'], { group: path })}>${name}</a> <span class="quiet">${rows.length} ${noun}${rows.length === 1 ? '' : 's'}</span></h2>
     <p class="row">${counts.map(([health, count]) => html`<${Status} of=${health} label=${`${count} ${health === 'attention' ? 'need attention' : health}`} />`)}</p>
     <dl>
       <dt>mean error</dt><dd>${mean === null ? NONE : `${fixed(mean)} ${unit}`}</dd>
