@@ -55,7 +55,7 @@ function Batch({ data }) {
 const Reasons = ({ caption, rows }) =>
   html`<${Table} caption=${caption} columns=${[['how'], ['systems', 'number'], ['why'], ['which']]}
     rows=${grouped(rows).map(({ word, reason, example, systems }) => [
-      html`<${Status} of=${word} label=${word === 'none' ? 'left out' : word === 'rejected' ? 'refused' : words(word)} />`,
+      short(word, word === 'none' ? 'left out' : word === 'rejected' ? 'refused' : words(word)),
       systems.length,
       html`${reason && html`<b>${reason}</b>, such as: `}${example}`,
       html`<${Several} systems=${systems} />`,
@@ -67,14 +67,17 @@ function Several({ systems }) {
   return html`${links(systems.slice(0, SHOWN))}<details><summary>and ${systems.length - SHOWN} more</summary>${links(systems.slice(SHOWN))}</details>`;
 }
 
+/** A status that stays in one line. */
+const short = (of, label) => html`<span class="nowrap"><${Status} of=${of} label=${label} /></span>`;
+
 const jobLink = ({ job }) => html`<a href=${address(['jobs', job])}>${job.slice(0, 12)}…</a>`;
 
 const Fits = ({ jobs }) =>
   html`<${Table} caption="Systems" hidden columns=${[['system'], ['state'], ['outcome'], ['error against before', 'number'], ['why'], ['job']]}
     rows=${jobs.map(row => [
       html`<a class="nowrap" href=${systemAddress(row.system)}>${row.system}</a>`,
-      html`<${Status} of=${row.state} />`,
-      row.outcome ? html`<${Status} of=${row.outcome} />` : NONE,
+      short(row.state),
+      row.outcome ? short(row.outcome) : NONE,
       row.error_ratio === null ? NONE : `${signed((row.error_ratio - 1) * 100, 1)} %`,
       row.why ?? NONE,
       jobLink(row),
