@@ -79,7 +79,7 @@ fn every_list_comes_page_by_page() {
         for size in [1, 2] {
             assert_eq!(ids(&pages(&app, path, size)), ids(items), "{path} by {size}");
         }
-        for query in ["page_size=0", "page_size=501", "page_size=x", "pages=1"] {
+        for query in ["page_size=0", "page_size=100000", "page_size=x", "pages=1"] {
             app.get(&format!("{path}?{query}")).problem(422, "invalid-request");
         }
     }

@@ -134,7 +134,7 @@ fn all_faults_of_a_window_are_listed() {
     let app = TestApp::start();
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2"})).expect(201);
     let problem = app
-        .csv("/systems/room/1/windows", "when,T_room[furlong],T_out[kW]\n2026-01-01T00:00:00Z,1,2\n")
+        .csv("/systems/room/1/windows", "when,T_room[furlong],T_out[kW]\nat noon,1,2\n")
         .problem(422, "invalid-request");
     assert!(problem["errors"].as_array().unwrap().len() >= 3, "{problem}");
     app.csv("/systems/room/9/windows", "time,T_room\n").problem(404, "system-not-found");

@@ -158,10 +158,12 @@ fn model_mutations() -> Vec<Mutation<Value>> {
                 set(m, &format!("/define/w{step}"), json!(factors.join("*")));
             }
         }),
-        one("means output", &[("/outputs/T_room", "noise")], |m| {
+        one("means output", &[("/outputs/T_room/noise_sd", "noise")], |m| {
             set(m, "/outputs/T_room/noise_sd", json!(0))
         }),
-        one("means output", &[("/outputs/T_room", "unit")], |m| set(m, "/outputs/T_room/unit", json!("kW"))),
+        one("means output", &[("/outputs/T_room/expr", "unit")], |m| {
+            set(m, "/outputs/T_room/unit", json!("kW"))
+        }),
         one("means gate", &[("/check/1/input", "unknown-name")], |m| {
             set(m, "/check/1/input", json!("T_owt"))
         }),
