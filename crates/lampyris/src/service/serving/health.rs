@@ -150,19 +150,19 @@ pub fn worst_output(metrics: &IndexMap<String, OutputMetrics>) -> Option<(&str, 
 }
 
 /// How a system fares, why, and what to do about it.
-pub fn standing(facts: &Facts) -> SystemHealth {
-    let standing = match facts.served {
+pub fn health_of(facts: &Facts) -> SystemHealth {
+    let found = match facts.served {
         Some(served) => facts.of_served(served),
         None => facts.never_validated(),
     };
     match facts.under_way() {
-        Some(kind) if is_about(standing.next.code, kind) => SystemHealth { next: facts.wait(), ..standing },
-        _ => standing,
+        Some(kind) if is_about(found.next.code, kind) => SystemHealth { next: facts.wait(), ..found },
+        _ => found,
     }
 }
 
 /// How a site fares that has no model and only holds measurements.
-pub fn standing_of_site(facts: &Facts) -> SystemHealth {
+pub fn health_of_site(facts: &Facts) -> SystemHealth {
     facts.not_measured().unwrap_or_else(|| {
         let why = "Its measurements are shared; there is nothing to estimate.";
         facts.stands(Health::Ok, why, facts.nothing())
