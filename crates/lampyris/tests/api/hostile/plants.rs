@@ -136,11 +136,13 @@ fn mutations() -> Vec<Mutation<Value>> {
         means("means of name", &[("/tanks/s3", "name"), ("/tanks/s3/initial", "length")], |p| {
             p["tanks"]["s3"] = json!({"volume": "10[m3]", "initial": []});
         }),
-        late("late output", &[("/outputs/S_S_e", "unknown-name")], |p| {
+        late("late output", &[("/outputs/S_S_e/expr", "unknown-name")], |p| {
             set(p, "/outputs/S_S_e/expr", json!("S_S_x"))
         }),
-        late("late noise", &[("/outputs/S_NH_e", "noise")], |p| set(p, "/outputs/S_NH_e/noise_sd", json!(0))),
-        late("late number", &[("/parameters/K_OA", "bounds")], |p| {
+        late("late noise", &[("/outputs/S_NH_e/noise_sd", "noise")], |p| {
+            set(p, "/outputs/S_NH_e/noise_sd", json!(0))
+        }),
+        late("late number", &[("/parameters/K_OA/nominal", "bounds")], |p| {
             set(p, "/parameters/K_OA/value", json!(3))
         }),
     ]
