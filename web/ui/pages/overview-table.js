@@ -103,7 +103,7 @@ function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regrou
 export function SystemsTable({ shown, at, setAt, query, chosen, toggle, all, chooseAll, running, refit, regroup, nextRun, actions, table, compact }) {
   const caption = query.sort ? `Systems by ${words(query.sort.replace('-', ''))}` : 'Systems, worst first';
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}><table class=${`systems ${compact ? 'compact' : ''}`} ref=${table}>
-    <caption class="unseen">${caption}</caption>
+    <caption role="caption" class="unseen">${caption}</caption>
     <${Head} sort=${query.sort} all=${all} some=${chosen.size > 0} chooseAll=${chooseAll} />
     <tbody>${shown.map(line =>
       line.head

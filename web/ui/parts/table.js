@@ -19,7 +19,7 @@ export function Table({ caption, title = caption, columns, rows, hidden = false,
   const kind = index => (columns[index]?.[1] === 'number' ? 'number' : undefined);
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}>
     <table role="table" class=${cards ? 'cards' : ''}>
-      <caption class=${hidden ? 'unseen' : ''}>${hidden ? title : explained(title)}</caption>
+      <caption role="caption" class=${hidden ? 'unseen' : ''}>${hidden ? title : explained(title)}</caption>
       <thead role="rowgroup"><tr role="row">${columns.map(([title], index) =>
         html`<th scope="col" role="columnheader" class=${kind(index)}>${explained(title)}</th>`)}</tr></thead>
       <tbody role="rowgroup">${rows.map(
