@@ -16,7 +16,7 @@ export async function queue(chrome, binary) {
       // The last one has nothing to be fitted to, and is left out.
       if (room < ROOMS) await ask(base, `/systems/room/${room}/windows`, CSV);
     }
-    const endless = { name: 'cfa_thesis', seed: 1 };
+    const endless = { name: 'cfa_thesis', seed: 1, generations: 100_000 };
     const { id } = await ask(base, '/jobs', {
       kind: 'recalibrate',
       systems: ['room/*'],
