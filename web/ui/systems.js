@@ -4,7 +4,7 @@ import { useState, useEffect } from './html.js';
 import { ask, withQuery, AGAIN } from './api.js';
 import { onEvents } from './events.js';
 
-const PAGE = 1000;
+const PAGE = 500;
 /** So many rows are asked for again at once, this often: a batch of hundreds stays below 10 kB a second. */
 const AGAIN_AT_ONCE = 8;
 const AGAIN_MS = 1000;

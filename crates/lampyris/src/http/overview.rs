@@ -8,7 +8,7 @@ use super::shared::Shared;
 use crate::service::catalogue::system::document;
 use crate::service::serving::body::Status;
 use crate::service::serving::health::{
-    Facts, Health, NextStep, Served, Standing, ahead, standing, standing_of_site, worst_output,
+    Facts, Health, NextStep, Served, SystemHealth, ahead, health_of, health_of_site, worst_output,
 };
 use crate::service::{Service, blocking};
 use crate::store;
@@ -30,8 +30,6 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// Rows are short, and the page reads all of them.
-const LARGEST_SIZE: i64 = 1000;
 /// Most systems that one request may name.
 const MOST_NAMED: usize = 100;
 
@@ -51,8 +49,8 @@ struct OverviewQuery {
     /// `trend`: the last validation errors as well.
     #[param(inline)]
     with: Option<RowExtra>,
-    /// Items per page, 50 by default, at most 1000.
-    #[param(minimum = 1, maximum = 1000)]
+    /// Items per page, 50 by default, at most 500.
+    #[param(minimum = 1, maximum = 500)]
     page_size: Option<i64>,
     /// The `next_page_token` of the page before.
     page_token: Option<String>,
@@ -92,8 +90,8 @@ struct SystemRow {
     error: IndexMap<String, RowError>,
     /// The output that fares worst of what is served; where nothing is, of the newest fit of the model.
     quality: Option<Quality>,
-    /// The validation errors of the first output, of the last 14 fits of the model that are no experiments and
-    /// kept no test part aside, the newest at the end; only `with=trend`.
+    /// The validation errors of the first output, of the last 14 fits of the model that are no experiments
+    /// and kept no test part aside, the newest at the end; only `with=trend`.
     #[serde(skip_serializing_if = "Option::is_none")]
     trend: Option<Vec<f64>>,
     /// What the gate wants said of it.
@@ -220,9 +218,9 @@ impl ReadPage {
             stale_after: policy.stale_after,
             now: service.now(),
         };
-        let Standing { health, why, next } = match &record.model {
-            Some(_) => standing(&facts),
-            None => standing_of_site(&facts),
+        let SystemHealth { health, why, next } = match &record.model {
+            Some(_) => health_of(&facts),
+            None => health_of_site(&facts),
         };
         let row_error = |error: &ServedError| {
             let (horizon, ahead) = ahead(&error.ahead, policy.horizon).unzip();
@@ -294,9 +292,11 @@ async fn list_systems(
     Asked(query): Asked<OverviewQuery>,
 ) -> Result<axum::Json<Page<SystemRow>>, ApiError> {
     let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
-    let size = page.size_up_to(LARGEST_SIZE)?;
+    let size = page.size()?;
     let (size, records) = match query.systems.as_deref().map(named).transpose()? {
-        Some(named) => (LARGEST_SIZE, store::systems::some(&service.store, caller.reach(), &named).await?),
+        Some(named) => {
+            (MOST_NAMED as i64, store::systems::some(&service.store, caller.reach(), &named).await?)
+        }
         None => {
             let after = page.page_token.unwrap_or_default();
             (size, store::systems::page(&service.store, caller.reach(), &after, size + 1).await?)

@@ -32,16 +32,11 @@ pub struct Page<T> {
 impl PageQuery {
     /// Items per page.
     pub fn size(&self) -> Result<i64, ApiError> {
-        self.size_up_to(LARGEST_SIZE)
-    }
-
-    /// Items per page of a list that gives more at once than others.
-    pub fn size_up_to(&self, largest: i64) -> Result<i64, ApiError> {
         match self.page_size {
             None => Ok(DEFAULT_SIZE),
-            Some(size) if (1..=largest).contains(&size) => Ok(size),
+            Some(size) if (1..=LARGEST_SIZE).contains(&size) => Ok(size),
             Some(size) => {
-                let detail = format!("a page has between 1 and {largest} items, not {size}");
+                let detail = format!("a page has between 1 and {LARGEST_SIZE} items, not {size}");
                 Err(ApiError::Invalid(vec![Fault::new("query page_size", "out-of-range", detail)]))
             }
         }

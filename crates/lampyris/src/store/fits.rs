@@ -177,8 +177,8 @@ impl ListedFit {
         }
     }
 
-    /// The validation error of the first output, unless a part was kept aside for a test: such fits are judged
-    /// on other weeks than those before and after them.
+    /// The validation error of the first output, unless a part was kept aside for a test: such fits are
+    /// judged on other weeks than those before and after them.
     fn validation_rmse(&self) -> Option<f64> {
         let first = self.metrics.values().next().filter(|_| self.parts.test.is_none())?;
         first.validation_rmse.filter(|rmse| rmse.is_finite())

@@ -58,8 +58,9 @@ row! {
 /// Where the database fails.
 pub async fn read(store: &Store, systems: &[String]) -> Result<Overview, StoreError> {
     let mut overview = Overview { fits: fits(store, systems).await?, ..Overview::default() };
-    let sql = "SELECT d.system, d.verdict, d.missing FROM diagnoses d WHERE d.sequence IN (SELECT MAX(n.sequence) \
-        FROM diagnoses n JOIN jobs j ON j.id = n.job JOIN systems s ON s.system = n.system AND s.model = j.model \
+    let sql = "SELECT d.system, d.verdict, d.missing FROM diagnoses d WHERE d.sequence IN (SELECT \
+        MAX(n.sequence) FROM diagnoses n JOIN jobs j ON j.id = n.job \
+        JOIN systems s ON s.system = n.system AND s.model = j.model \
         WHERE n.system IN (SELECT value FROM json_each($1)) GROUP BY n.system)";
     let rows: Vec<DiagnosisRow> =
         query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;

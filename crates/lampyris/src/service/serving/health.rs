@@ -73,7 +73,7 @@ pub struct NextStep {
 
 /// How a system fares, why, and what to do about it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Standing {
+pub struct SystemHealth {
     /// In a word.
     pub health: Health,
     /// Why, in a sentence.
@@ -150,19 +150,19 @@ pub fn worst_output(metrics: &IndexMap<String, OutputMetrics>) -> Option<(&str, 
 }
 
 /// How a system fares, why, and what to do about it.
-pub fn standing(facts: &Facts) -> Standing {
-    let standing = match facts.served {
+pub fn health_of(facts: &Facts) -> SystemHealth {
+    let found = match facts.served {
         Some(served) => facts.of_served(served),
         None => facts.never_validated(),
     };
     match facts.under_way() {
-        Some(kind) if is_about(standing.next.code, kind) => Standing { next: facts.wait(), ..standing },
-        _ => standing,
+        Some(kind) if is_about(found.next.code, kind) => SystemHealth { next: facts.wait(), ..found },
+        _ => found,
     }
 }
 
 /// How a site fares that has no model and only holds measurements.
-pub fn standing_of_site(facts: &Facts) -> Standing {
+pub fn health_of_site(facts: &Facts) -> SystemHealth {
     facts.not_measured().unwrap_or_else(|| {
         let why = "Its measurements are shared; there is nothing to estimate.";
         facts.stands(Health::Ok, why, facts.nothing())
@@ -175,8 +175,8 @@ fn is_about(code: NextCode, kind: JobKind) -> bool {
 }
 
 impl Facts<'_> {
-    fn stands(&self, health: Health, why: impl Into<String>, next: NextStep) -> Standing {
-        Standing { health, why: why.into(), next }
+    fn stands(&self, health: Health, why: impl Into<String>, next: NextStep) -> SystemHealth {
+        SystemHealth { health, why: why.into(), next }
     }
 
     /// A step that is taken at a tab of the system's page.
@@ -223,7 +223,7 @@ impl Facts<'_> {
         self.step(NextCode::Look, "See which checks the fit has failed", "/parameters")
     }
 
-    fn of_served(&self, served: &Served) -> Standing {
+    fn of_served(&self, served: &Served) -> SystemHealth {
         self.contradicted(served)
             .or_else(|| self.decided(served))
             .or_else(|| self.fallen(served))
@@ -236,14 +236,14 @@ impl Facts<'_> {
     }
 
     /// Newer measurements say that it is wrong.
-    fn contradicted(&self, served: &Served) -> Option<Standing> {
+    fn contradicted(&self, served: &Served) -> Option<SystemHealth> {
         let why = "The error on new measurements is far above that of the validation.";
         let refit = || self.step(NextCode::Refit, "Refit it", "");
         (served.status == "degraded").then(|| self.stands(Health::Bad, why, refit()))
     }
 
     /// An operator holds it, or has not decided yet.
-    fn decided(&self, served: &Served) -> Option<Standing> {
+    fn decided(&self, served: &Served) -> Option<SystemHealth> {
         if served.status == "pinned" {
             let release = self.step(NextCode::Unpin, "Release the parameters that are held", "/parameters");
             return Some(self.stands(Health::Attention, "An operator holds the parameters.", release));
@@ -254,7 +254,7 @@ impl Facts<'_> {
     }
 
     /// The newest attempt came to nothing.
-    fn fallen(&self, served: &Served) -> Option<Standing> {
+    fn fallen(&self, served: &Served) -> Option<SystemHealth> {
         let FallbackReason { reason, job } = served.fallback.as_ref()?;
         let (failure, next) = match reason.as_str() {
             "validation_failed" => ("the newest fit was rejected", self.see_checks()),
@@ -267,7 +267,7 @@ impl Facts<'_> {
     }
 
     /// A diagnosis of its model has named an effect that it does not have.
-    fn lacking(&self) -> Option<Standing> {
+    fn lacking(&self) -> Option<SystemHealth> {
         let missing = self.diagnosis?.missing.as_ref()?;
         let size = missing.size.as_ref().map_or_else(String::new, |size| format!(" {}", size.sentence()));
         let text = format!("Add {}", uncapitalised(&missing.title));
@@ -276,7 +276,7 @@ impl Facts<'_> {
     }
 
     /// It errs by more than it should, and somebody can find out why.
-    fn erring(&self, served: &Served) -> Option<Standing> {
+    fn erring(&self, served: &Served) -> Option<SystemHealth> {
         let verdict = self.diagnosis.map(|diagnosis| diagnosis.verdict);
         if verdict == Some(Adequacy::Adequate) {
             return None;
@@ -299,8 +299,8 @@ impl Facts<'_> {
         Some(self.stands(Health::Attention, format!("{error}, and {why}."), next))
     }
 
-    /// What is wrong with its errors: at some horizon they are above those of holding the last measurement, or
-    /// they are above what noise would leave.
+    /// What is wrong with its errors: at some horizon they are above those of holding the last measurement,
+    /// or they are above what noise would leave.
     fn error(&self, served: &Served) -> Option<String> {
         let metrics = &self.fit?.metrics;
         let lost = metrics
@@ -325,7 +325,7 @@ impl Facts<'_> {
     }
 
     /// The gate has flagged something that a person can look at.
-    fn flagged(&self, served: &Served) -> Option<Standing> {
+    fn flagged(&self, served: &Served) -> Option<SystemHealth> {
         let flags: Vec<&str> =
             served.flags.iter().map(String::as_str).filter(|flag| !is_harmless(flag)).collect();
         let has = |kind: &str| flags.iter().find_map(|flag| flag.strip_prefix(kind));
@@ -343,7 +343,7 @@ impl Facts<'_> {
     }
 
     /// Nothing new was measured for longer than the policy wants.
-    fn not_measured(&self) -> Option<Standing> {
+    fn not_measured(&self) -> Option<SystemHealth> {
         let newest = self.measured_to?;
         let age = self.now.duration_since(newest);
         let next = || self.step(NextCode::Upload, "Upload or connect measurements", "/data");
@@ -353,14 +353,14 @@ impl Facts<'_> {
     }
 
     /// There is something newer to validate it on.
-    fn not_validated(&self, served: &Served) -> Option<Standing> {
+    fn not_validated(&self, served: &Served) -> Option<SystemHealth> {
         let validated_at = served.validated_at.filter(|_| served.status == "stale")?;
         let why =
             format!("It was last validated on {}, and there are newer measurements.", day(validated_at));
         Some(self.stands(Health::Attention, why, self.step(NextCode::Refit, "Refit it", "")))
     }
 
-    fn never_validated(&self) -> Standing {
+    fn never_validated(&self) -> SystemHealth {
         let fit = || self.step(NextCode::Refit, "Fit it", "");
         let Some(job) = self.newest() else {
             let next = match self.measured_to {

@@ -1,7 +1,7 @@
 //! What decides how a system fares, one reason after another.
 
 use super::health::{
-    Facts, Health, NextCode, Served, Standing, ahead, standing, standing_of_site, worst_output,
+    Facts, Health, NextCode, Served, SystemHealth, ahead, health_of, health_of_site, worst_output,
 };
 use crate::store::diagnoses::MissingEffect;
 use crate::store::fits::ListedFit;
@@ -97,19 +97,19 @@ fn facts(system: &SystemId) -> Facts<'_> {
     }
 }
 
-fn of_served(change: Value) -> Standing {
-    standing(&Facts { served: Some(&served(change)), ..facts(&room()) })
+fn of_served(change: Value) -> SystemHealth {
+    health_of(&Facts { served: Some(&served(change)), ..facts(&room()) })
 }
 
-fn of_quality(metrics: Value, diagnosis: Option<&PresentDiagnosis>) -> Standing {
+fn of_quality(metrics: Value, diagnosis: Option<&PresentDiagnosis>) -> SystemHealth {
     let (served, fit) = (served(json!({})), fit(metrics));
-    standing(&Facts { served: Some(&served), fit: Some(&fit), diagnosis, ..facts(&room()) })
+    health_of(&Facts { served: Some(&served), fit: Some(&fit), diagnosis, ..facts(&room()) })
 }
 
 #[test]
 fn what_is_served_decides_first() {
     let word = |change: Value| {
-        let Standing { health, next, .. } = of_served(change);
+        let SystemHealth { health, next, .. } = of_served(change);
         (health, next.code)
     };
     let reason = |reason: &str| json!({"reason": reason, "job": "job_2"});
@@ -132,7 +132,7 @@ fn what_is_served_decides_first() {
 #[test]
 fn flags_ask_for_a_look_where_somebody_can_do_something() {
     let word = |flags: Value| {
-        let Standing { health, next, .. } = of_served(json!({ "flags": flags }));
+        let SystemHealth { health, next, .. } = of_served(json!({ "flags": flags }));
         (health, next.code)
     };
     let harmless =
@@ -205,7 +205,7 @@ fn age_is_no_fault_of_the_parameters() {
     let of = |measured_to: &str| {
         let measured_to = Some(measured_to.parse().unwrap());
         let now = "2026-01-20T00:00:00Z".parse().unwrap();
-        standing(&Facts { served: Some(&stale), measured_to, now, ..facts(&system) })
+        health_of(&Facts { served: Some(&stale), measured_to, now, ..facts(&system) })
     };
     let silent = of("2026-01-12T08:00:00Z");
     assert_eq!((silent.health, silent.next.code), (Health::Attention, NextCode::Upload));
@@ -215,7 +215,7 @@ fn age_is_no_fault_of_the_parameters() {
         (idle.why.as_str(), idle.next.code),
         ("It was last validated on 2 Jan 2026, and there are newer measurements.", NextCode::Refit)
     );
-    let site = standing_of_site(&Facts { measured_to: None, ..facts(&system) });
+    let site = health_of_site(&Facts { measured_to: None, ..facts(&system) });
     assert_eq!((site.health, site.next.code), (Health::Ok, NextCode::None));
 }
 
@@ -223,12 +223,12 @@ fn age_is_no_fault_of_the_parameters() {
 fn the_newest_job_decides_where_nothing_is_served() {
     let system = room();
     let of = |newest: Option<&JobRecord>| {
-        let Standing { health, next, .. } = standing(&Facts { newest, ..facts(&system) });
+        let SystemHealth { health, next, .. } = health_of(&Facts { newest, ..facts(&system) });
         (health, next.code)
     };
     let word = |state| of(Some(&job(state)));
     assert_eq!(of(None), (Health::Unknown, NextCode::Refit));
-    let empty = standing(&Facts { measured_to: None, ..facts(&system) });
+    let empty = health_of(&Facts { measured_to: None, ..facts(&system) });
     assert_eq!(empty.next.code, NextCode::Upload);
     assert_eq!(word(running()), (Health::Unknown, NextCode::Wait));
     assert_eq!(word(failed()), (Health::Bad, NextCode::Look));
@@ -242,11 +242,11 @@ fn the_newest_job_decides_where_nothing_is_served() {
 fn a_job_that_waits_or_runs_is_waited_for() {
     let (system, served) = (room(), served(json!({"status": "degraded"})));
     let newest = job(running());
-    let refitted = standing(&Facts { served: Some(&served), newest: Some(&newest), ..facts(&system) });
+    let refitted = health_of(&Facts { served: Some(&served), newest: Some(&newest), ..facts(&system) });
     assert_eq!((refitted.health, refitted.next.code), (Health::Bad, NextCode::Wait));
     assert_eq!(refitted.next.href, "/ui/jobs/job_2");
     let diagnosed = JobRecord { kind: JobKind::Diagnose, ..newest };
-    let other = standing(&Facts { served: Some(&served), newest: Some(&diagnosed), ..facts(&system) });
+    let other = health_of(&Facts { served: Some(&served), newest: Some(&diagnosed), ..facts(&system) });
     assert_eq!(other.next.code, NextCode::Refit);
 }
 
@@ -255,7 +255,7 @@ fn a_fit_that_waits_shows_unless_it_is_the_one_that_is_served() {
     let system = room();
     let waiting = job(succeeded(Outcome::Suggested));
     let of = |served: &Served| {
-        standing(&Facts { served: Some(served), newest: Some(&waiting), ..facts(&system) }).next.code
+        health_of(&Facts { served: Some(served), newest: Some(&waiting), ..facts(&system) }).next.code
     };
     assert_eq!(of(&served(json!({}))), NextCode::Promote);
     assert_eq!(of(&served(json!({"job": "job_2"}))), NextCode::None);

@@ -5,7 +5,8 @@
 //! Measurements that came (`arrivals`) are compared with what is served by `degradations`, from where the
 //! states go on sample by sample (`live`, by the filters that are `kept`); an operator's word comes by
 //! `decisions`. What forecasts said (`said`) is written down by `keeping`, to be compared with what comes.
-//! `pull` asks others for measurements, `listing` brings fits of earlier programs into the lists. `health` says how a system fares, and what to do about it.
+//! `pull` asks others for measurements, `listing` brings fits of earlier programs into the lists. `health`
+//! says how a system fares, and what to do about it.
 
 pub mod ageing;
 pub mod arrivals;
