@@ -6,18 +6,22 @@ import { Shell } from './parts/shell.js';
 import { Empty } from './parts/screens.js';
 import { Overview } from './pages/overview.js';
 import { SystemPage } from './pages/system.js';
-import { NewSystem } from './pages/new.js';
 import { Jobs } from './pages/jobs.js';
-import { JobPage } from './pages/job.js';
-import { BatchPage } from './pages/batch.js';
-import { Models } from './pages/models.js';
-import { ModelPage, EffectPage } from './pages/model.js';
-import { Editor } from './pages/editor.js';
-import { Schedules } from './pages/schedules.js';
-import { Audit } from './pages/audit.js';
-import { Neighbours } from './pages/neighbours.js';
-import { Building } from './pages/building.js';
-import { Mornings, Morning } from './pages/mornings.js';
+import { later } from './parts/later.js';
+
+const NewSystem = later(() => import('./pages/new.js'), 'NewSystem');
+const JobPage = later(() => import('./pages/job.js'), 'JobPage');
+const BatchPage = later(() => import('./pages/batch.js'), 'BatchPage');
+const Models = later(() => import('./pages/models.js'), 'Models');
+const ModelPage = later(() => import('./pages/model.js'), 'ModelPage');
+const EffectPage = later(() => import('./pages/model.js'), 'EffectPage');
+const Editor = later(() => import('./pages/editor.js'), 'Editor');
+const Schedules = later(() => import('./pages/schedules.js'), 'Schedules');
+const Audit = later(() => import('./pages/audit.js'), 'Audit');
+const Neighbours = later(() => import('./pages/neighbours.js'), 'Neighbours');
+const Building = later(() => import('./pages/building.js'), 'Building');
+const Mornings = later(() => import('./pages/mornings.js'), 'Mornings');
+const Morning = later(() => import('./pages/mornings.js'), 'Morning');
 
 function page(parts, query) {
   const [place, first, second, third] = parts;
