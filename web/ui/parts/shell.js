@@ -52,7 +52,7 @@ export function Shell({ place, children }) {
     <a class="skip" href="#main">Skip to the content</a>
     <header class=${menu ? 'open' : ''}>
       <a class="brand" href=${address([])}><span class="glow" aria-hidden="true"></span><span>Lampyris</span></a>
-      <button class="menu" aria-expanded=${menu} aria-controls="pages" onClick=${() => setMenu(!menu)}>☰ ${name ?? 'Pages'}</button>
+      ${!REPORT && html`<button class="menu" aria-expanded=${menu} aria-controls="pages" onClick=${() => setMenu(!menu)}>☰ ${name ?? 'Pages'}</button>`}
       <nav id="pages" aria-label="Pages" onClick=${() => setMenu(false)}>${PLACES.map(
         ([title, parts]) => html`<a href=${address(parts)} aria-current=${title === name ? 'page' : null}>${title}</a>`,
       )}
