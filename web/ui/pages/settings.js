@@ -5,7 +5,7 @@ import { address } from '../router.js';
 import { differences, onto } from '../merge.js';
 import { say } from '../say.js';
 import { NotSaved } from '../parts/screens.js';
-import { Table } from '../parts/table.js';
+import { Bindings, NextDoor } from '../parts/bindings.js';
 import { Length } from '../parts/length.js';
 import { Zones } from '../parts/zones.js';
 
@@ -17,6 +17,7 @@ const MODES = {
 
 export function Settings({ system, document, changed }) {
   const models = useList('/models');
+  const systems = useList('/systems');
   // What the draft began as: it may be read anew meanwhile, which must not pass for having been seen.
   const [base, setBase] = useState(document);
   const [draft, setDraft] = useState(document);
@@ -102,10 +103,10 @@ export function Settings({ system, document, changed }) {
       was opened, and it would be overwritten. What you wrote here stays.</p></${NotSaved}>`}
     ${others.length > 0 && html`<p role="status">▲ Changed by somebody else, and taken over where you had changed nothing: ${others.join(', ')}. Save
       it if it is right so.</p>`}
+    <${Bindings} key=${base} channels=${draft.channels} change=${channels => set({ channels })} />
+    <${NextDoor} system=${system} neighbours=${draft.neighbours} known=${(systems.data ?? []).map(row => row.system)}
+      change=${neighbours => set({ neighbours })} />
+    <p><a href=${address(['neighbours'], { system })}>See which rooms look like neighbours</a></p>
     <p class="row end"><button class="main">Save</button></p>
-    ${Object.keys(draft.channels).length > 0 &&
-      html`<${Table} caption="Channels and the columns that feed them" columns=${[['channel'], ['column']]} rows=${Object.entries(draft.channels)} />`}
-    <p>${draft.neighbours.length > 0 ? `Neighbours: ${draft.neighbours.join(', ')}. ` : 'It has no neighbours. '}
-      <a href=${address(['neighbours'], { system })}>See which rooms look like neighbours</a></p>
   </form>`;
 }
