@@ -97,7 +97,7 @@ export async function plants(chrome, { base }) {
     }
     await page.goto(`${base}/ui/`);
     const row = page.locator('table.systems tbody tr', { hasText: 'plant/north' });
-    await row.getByText('makes no forecasts').waitFor();
+    await row.getByText(/free run of S_NO_e/).first().waitFor();
     await row.getByText(/last [\d.]+ g\/m3 of S_S_e/).waitFor();
   });
 

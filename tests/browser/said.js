@@ -34,7 +34,7 @@ export async function said(chrome, { base }) {
     await frame.getByRole('img', { name: 'by hours ahead' }).waitFor();
     const rows = await frame.locator('tbody tr').allInnerTexts();
     holds(rows.length === 3, rows.join('; '));
-    holds(/^24 h\t90\t0.42 degC\t1.7 degC\t.0.020\t94 %$/.test(rows[1]), rows[1]);
+    holds(/^24 h\t90\t0.42 degC\t1.7 degC\t.0.020 degC\t94 %$/.test(rows[1]), rows[1]);
     holds(rows[2].startsWith('2 d\t'), rows[2]);
   });
 }

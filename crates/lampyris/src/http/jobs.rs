@@ -109,6 +109,7 @@ enum SubmittedAnswer {
 #[into_params(parameter_in = Query)]
 struct JobQuery {
     /// `submitted` by default; `turn` lists those that wait, `ended` those that have ended.
+    #[param(inline)]
     order: Option<JobOrder>,
     /// Only those that stand so.
     state: Option<JobStatus>,

@@ -9,6 +9,7 @@ use super::{
     models, nights, overview, params, preview, problem, prometheus, samples, schedules, series, service,
     state, systems, web, windows,
 };
+use crate::service::query::matrix::cells::MatrixRow;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::{HeaderMap, StatusCode};
@@ -36,7 +37,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
         description = "Estimation service for model predictive control: measurements in, validated grey-box \
             parameters out. Errors are problem documents (RFC 9457) that list all faults at once."
     ),
-    components(schemas(problem::Problem))
+    components(schemas(problem::Problem, MatrixRow))
 )]
 struct Frame;
 

@@ -121,6 +121,7 @@ struct UploadQuery {
     /// The form of the dates in a CSV, where days and months could change places.
     dates: Option<DateForm>,
     /// Which columns of a CSV count; all of them by default.
+    #[param(inline)]
     columns: Option<WhichColumns>,
 }
 
