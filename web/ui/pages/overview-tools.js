@@ -29,7 +29,7 @@ function store(key, value) {
 }
 
 /** How close the rows stand: as the address says, or as it was chosen last. */
-export const density = query => query.density ?? stored(DENSITY, 'compact');
+export const density = query => query.density ?? stored(DENSITY, 'comfortable');
 
 /** What of the address is the filter: not where one is in it. */
 const filterOf = ({ page: _, open: __, ...rest }) => new URLSearchParams(Object.entries(rest).sort()).toString();
