@@ -116,10 +116,10 @@ fn a_zone_stands_alone_and_half_a_place_is_named() {
         (
             json!({"lat": 35.0, "zone": "Asia/Tokyo"}),
             "/location/lon",
-            "missing-field",
+            "half-a-place",
             "the longitude is missing",
         ),
-        (json!({"lon": 130.0}), "/location/lat", "missing-field", "the latitude is missing"),
+        (json!({"lon": 130.0}), "/location/lat", "half-a-place", "the latitude is missing"),
         (json!({"lat": "", "lon": 130.0}), "/location/lat", "wrong-type", "expected a number"),
         (json!({"lat": 35.0, "lon": 181.0}), "/location/lon", "out-of-range", "between -180 and 180"),
     ] {

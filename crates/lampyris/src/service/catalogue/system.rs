@@ -118,7 +118,7 @@ impl Location {
                 }
                 None if other.is_some() => {
                     let detail = format!("the {what} is missing: a place has a latitude and a longitude");
-                    let fault = Fault::new(pointer, "missing-field", detail);
+                    let fault = Fault::new(pointer, "half-a-place", detail);
                     faults.push(fault.suggest("give both, or neither"));
                 }
                 _ => {}
