@@ -189,6 +189,6 @@ export async function story(chrome, { base }) {
     holds(pinned.status === 'pinned' && pinned.pin.reason === 'sensor swap this week', pinned.status);
     await page.getByRole('button', { name: 'Release it' }).click();
     await page.getByRole('button', { name: 'Keep it in service (pin)' }).waitFor();
-    await page.getByText('G3 time constants').first().waitFor();
+    await page.getByText('Time constants').first().waitFor();
   });
 }
