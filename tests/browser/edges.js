@@ -358,7 +358,7 @@ export async function edges(chrome, { base, port }) {
     await page.keyboard.press('j');
     await page.keyboard.press('x');
     await page.getByRole('button', { name: 'Refit 1 selected' }).waitFor();
-    const system = await page.locator('tr[aria-current=true] a').innerText();
+    const system = await page.locator('tr[aria-current=true] th a').innerText();
     await page.keyboard.press('Enter');
     await page.getByRole('heading', { level: 1, name: system }).waitFor();
     await page.keyboard.press('5');
