@@ -9,14 +9,18 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Free-run error over the noise floor above which the first round probably finds something.
 const PROMISING_RHO: f64 = 1.1;
-/// How probably a round finds something: of which nothing is known, which promises something, and which
-/// does not.
+/// How probably a round finds something: of which nothing is known, which promises something, and which does
+/// not.
 const CHANCE: f64 = 0.5;
 const LIKELY: f64 = 0.9;
 const UNLIKELY: f64 = 0.1;
+/// The same below which a later round is the last one.
+const EXPLAINED_RHO: f64 = 1.5;
 /// The share of the effects that is usually refitted in the first round, and in a later one.
-const REFITTED: [f64; 2] = [0.5, 0.15];
-/// Rounds that usually follow a finding, where more than one may follow.
+const REFITTED: [f64; 2] = [0.3, 0.05];
+/// The share that is searched from the nominal values where nothing is found without that.
+const WIDER: f64 = 0.5;
+/// Rounds that usually follow a finding, where more than one may follow and much is left to explain.
 const ROUNDS_BEHIND: f64 = 1.3;
 /// Restarts of the null model before the gates decide: where nobody was refitted, and most.
 const JUDGED: [f64; 2] = [0.3, 3.0];
@@ -38,6 +42,10 @@ struct State {
     refits: f64,
     /// How probably somebody passes the gates, while nobody leads.
     chance: f64,
+    /// The free-run error of the null model over the noise floor.
+    rho: f64,
+    /// How probably all effects are searched from the nominal values where nobody passes.
+    wider: f64,
 }
 
 /// What judging so many takes.
@@ -61,14 +69,20 @@ impl State {
             Some(_) => UNLIKELY,
             None => self.chance,
         };
+        // What the leader leaves to explain decides what comes behind it.
+        let rho = self.rho * self.trials.fall.unwrap_or(1.0);
         let behind = match rounds.saturating_sub(self.trials.round.max(1)) {
             0 => 0.0,
             1 => 1.0,
+            _ if rho < EXPLAINED_RHO => 1.0,
             _ => ROUNDS_BEHIND,
         };
-        let chance = if self.trials.plan.stage() == WorkStage::Name { 1.0 } else { chance };
-        let named = if self.trials.plan.stage() == WorkStage::Name { 0.0 } else { chance };
+        let (chance, named) = match self.trials.plan.stage() {
+            WorkStage::Name => (1.0, 0.0),
+            _ => (chance, chance),
+        };
         let refits = REFITTED[1] * self.trials.of as f64;
+        let wider = (1.0 - chance) * self.wider;
         let rounds = chance * behind;
         self.trials.plan.and(&[
             (WorkStage::Name, named + chance * (behind - behind.min(1.0))),
@@ -76,6 +90,10 @@ impl State {
             (WorkStage::Begin, rounds * refits),
             (WorkStage::Refit, rounds * refits),
             (WorkStage::Judge, rounds * judging(refits)),
+            (WorkStage::Restart, wider * WIDER * self.trials.of as f64),
+            (WorkStage::Begin, wider * refits),
+            (WorkStage::Refit, wider * refits),
+            (WorkStage::Judge, wider * JUDGED[1]),
         ])
     }
 }
@@ -88,6 +106,7 @@ impl<'a> Course<'a> {
             (state.trials.of, state.chance) = (effects, CHANCE);
             state.trials.plan.expect(WorkStage::Fit, 1.0);
             state.trials.plan.enter(WorkStage::Settle, 1.0);
+            (state.rho, state.wider) = (f64::INFINITY, CHANCE);
             state.expect(REFITTED[0] * effects as f64);
             state.trials.plan.expect(WorkStage::Screen, 1.0);
         });
@@ -104,15 +123,23 @@ impl<'a> Course<'a> {
         self.tell(|state| state.spent += simulations);
     }
 
-    /// A round begins with so many effects, at a null model whose free run errs this much over the floor.
-    pub(super) fn round(&self, effects: usize, rho: f64) {
+    /// A round begins with so many effects, at a null model whose free run errs this much over the floor. It
+    /// may widen, where it finds nothing, to all of them.
+    pub(super) fn round(&self, effects: usize, rho: f64, widens: bool) {
         self.tell(|state| {
             let Trials { round, plan, .. } = std::mem::take(&mut state.trials);
             state.trials = Trials { round: round + 1, of: effects, plan, ..Trials::default() };
             state.chance = if round == 0 && rho >= PROMISING_RHO { LIKELY } else { UNLIKELY };
             state.trials.plan.enter(WorkStage::Screen, 1.0);
+            state.rho = rho;
+            state.wider = if widens { 1.0 } else { 0.0 };
             state.expect(REFITTED[usize::from(round > 0)] * effects as f64);
         });
+    }
+
+    /// All effects are searched now, so that nothing wider follows.
+    pub(super) fn widening(&self) {
+        self.tell(|state| state.wider = 0.0);
     }
 
     /// Of the effects so many are still `open`: some are searched from the nominal values, and at least so
@@ -185,7 +212,7 @@ impl<'a> Course<'a> {
     pub(super) fn judged(&self, simulations: usize, found: bool) {
         self.tell(|state| {
             state.spent += simulations;
-            state.chance = f64::from(u8::from(found));
+            (state.chance, state.wider) = (f64::from(u8::from(found)), 0.0);
             if !found {
                 (state.trials.leader, state.trials.gain, state.trials.fall) = (None, None, None);
             }
@@ -227,7 +254,7 @@ mod tests {
         let control = Control { progress: &note, ..Control::NONE };
         let course = Course::new(&control, 4, 3);
         course.settled(100);
-        course.round(4, 1.0);
+        course.round(4, 1.0, false);
         course.beginning(3);
         (0..3).for_each(|_| course.begun(20));
         course.going_on(3);
@@ -238,7 +265,7 @@ mod tests {
         course.judged(100, true);
         course.naming();
         course.settled(100);
-        course.round(3, 1.0);
+        course.round(3, 1.0, false);
         course.beginning(0);
         course.going_on(0);
         course.judging();

@@ -45,7 +45,7 @@ pub fn ladder_by_likelihood(
     for _ in 0..max_steps {
         let (mut library, _) = source.candidates(&base);
         base = align(&base, &mut library);
-        course.round(library.len(), f64::INFINITY);
+        course.round(library.len(), f64::INFINITY, false);
         // The samples may have changed, so the smaller model is fitted to them again.
         let (from, noise) = optimum
             .as_ref()

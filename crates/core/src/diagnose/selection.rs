@@ -93,7 +93,8 @@ pub fn round(
 ) -> Option<Round> {
     let halt: Halt = &|| course.halts();
     let rho = null.worst_rho().unwrap_or(f64::INFINITY);
-    course.round(candidates.len(), rho);
+    let wider = Wider::of(null.problem.predictor(), first, rho);
+    course.round(candidates.len(), rho, wider != Wider::Never && rho >= FAR_RHO);
     let screened = |theta: &[f64]| -> Option<Vec<Result<Score, Blind>>> {
         let screen = Screen::new(&null.problem, theta, &null.filters.white, halt)?;
         Some(candidates.par_iter().map(|candidate| screen.score(candidate)).collect())
@@ -106,7 +107,6 @@ pub fn round(
         |candidate: &CandidateEffect| tests.as_ref().map(|tests| tests.hear(candidate)).unwrap_or_default();
     let heard: Vec<Heard> = candidates.par_iter().map(hear).collect();
     let scores = heard.iter().filter_map(|heard| heard.ranked.clone()).collect();
-    let wider = Wider::of(base.predictor(), first, rho);
     let far = wider != Wider::Never;
     let asks = |score: &Score| {
         score.imitated || (score.sign && if far { score.statistic >= LEAST_SCORE } else { score.net >= 0.0 })
@@ -121,6 +121,7 @@ pub fn round(
     if wider == Wider::BeforeTheRest && !leads_clearly(null, &begun) && !halt() {
         let known: Vec<(usize, Optima)> = chosen.iter().map(|one| one.place).zip(begun).collect();
         let more;
+        course.widening();
         (chosen, skipped, more) =
             search_from_nominal(null, candidates, chosen, skipped, &|score| !imitated(score), course);
         restarting += more;

@@ -90,15 +90,8 @@ pub fn with_trials_bar<T>(hidden: bool, began: Instant, work: impl FnOnce(&Contr
         let mut pace = pace.lock().unwrap_or_else(PoisonError::into_inner);
         pace.note(now, &trials.plan);
         tell_trials(&bar, trials, pace.share(now));
-        eprintln!(
-            "STAGE {now:.3} {:?} left {:?} of {:?}",
-            trials.plan,
-            pace.left(now),
-            (trials.round, trials.tried, trials.of, &trials.leader, trials.gain, trials.fall)
-        );
     };
     let done = work(&Control { progress: &progress, ..Control::NONE });
-    eprintln!("END {:.3}", began.elapsed().as_secs_f64());
     bar.finish_and_clear();
     done
 }

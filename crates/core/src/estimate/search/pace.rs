@@ -27,7 +27,7 @@ pub enum WorkStage {
 const STAGES: usize = 8;
 /// What a unit of each stage usually takes beside the others: all that is known of a stage before its first
 /// unit has been seen.
-const USUAL: [f64; STAGES] = [1.0, 1.0, 0.5, 0.05, 0.08, 0.1, 0.43, 1.0];
+const USUAL: [f64; STAGES] = [3.0, 1.0, 0.9, 0.2, 0.14, 0.17, 0.3, 1.1];
 /// So many units of a stage count for as much as what is usual.
 const DOUBT: f64 = 1.0;
 /// A unit that takes longer than was expected goes on for this share of what it has taken.
@@ -101,8 +101,12 @@ impl Pace {
     /// The seconds that are left; `None` until something was measured.
     pub fn left(&self, now: f64) -> Option<f64> {
         let Plan { done, left, .. } = &self.plan;
-        let usual: f64 = done.iter().zip(USUAL).map(|(units, usual)| units * usual).sum();
-        let unit = (usual > 0.0).then(|| self.seconds.iter().sum::<f64>() / usual)?;
+        let since = |first: usize| {
+            let usual: f64 = (first..STAGES).map(|stage| done[stage] * USUAL[stage]).sum();
+            (usual > 0.0).then(|| self.seconds[first..].iter().sum::<f64>() / usual)
+        };
+        // A fit takes what its search takes: it tells least of what comes behind it.
+        let unit = since(WorkStage::Settle as usize).or_else(|| since(WorkStage::Fit as usize))?;
         let cost = |stage: usize| (self.seconds[stage] + DOUBT * USUAL[stage] * unit) / (done[stage] + DOUBT);
         let expected: f64 = (0..STAGES).map(|stage| left[stage] * cost(stage)).sum();
         let running = now - self.since;
@@ -119,8 +123,7 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// A plan that has come to the refits of a round, after so many seconds for the fit and for each stage
-    /// since.
+    /// A plan that has come to the refits of a round, after so many seconds for the fit and for each stage.
     fn refitting(pace: &mut Pace, seconds: f64) -> Plan {
         let mut plan = Plan::default();
         plan.expect(WorkStage::Fit, 1.0);

@@ -290,11 +290,11 @@ mod tests {
         let report = report();
         let eta = report.eta_s.unwrap();
         assert!(
-            (29.0..31.0).contains(&eta),
-            "settling usually takes as long as the fit, which took 30 s: {eta}"
+            (9.0..11.0).contains(&eta),
+            "settling usually takes a third of the fit, which took 30 s: {eta}"
         );
         let share = report.trials.as_ref().and_then(|trials| trials.share).unwrap();
-        assert!((0.45..0.55).contains(&share), "{share}");
+        assert!((0.7..0.8).contains(&share), "{share}");
         assert_eq!((report.evaluations, report.trials.map(|trials| trials.tried)), (500, Some(3)));
     }
 
