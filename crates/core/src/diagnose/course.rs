@@ -4,6 +4,7 @@
 //! take.
 
 use super::acceptance::LEAST_BIC;
+use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::{Control, Plan, Progress, Trials, WorkStage};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -24,6 +25,9 @@ const WIDER: f64 = 0.5;
 const ROUNDS_BEHIND: f64 = 1.3;
 /// Restarts of the null model before the gates decide: where nobody was refitted, and most.
 const JUDGED: [f64; 2] = [0.3, 3.0];
+/// How much more judging and naming take of a model whose ways are cut short, beside its settling: a restart
+/// is as far from its end as everything else.
+const CUT_SHORT: [f64; 2] = [4.0, 2.0];
 
 /// A diagnosis on its way, in the hands of its caller.
 pub struct Course<'a> {
@@ -46,20 +50,22 @@ struct State {
     rho: f64,
     /// How probably all effects are searched from the nominal values where nobody passes.
     wider: f64,
-}
-
-/// What judging so many takes.
-fn judging(refits: f64) -> f64 {
-    refits.clamp(JUDGED[0], JUDGED[1])
+    /// What judging after a restart takes, and naming a finding, in units of their stages.
+    dear: [f64; 2],
 }
 
 impl State {
+    /// What judging so many takes.
+    fn judging(&self, refits: f64) -> f64 {
+        self.dear[0] * refits.clamp(JUDGED[0], JUDGED[1])
+    }
+
     /// So many refits are expected in this round, and what follows them.
     fn expect(&mut self, refits: f64) {
         self.refits = refits;
         self.trials.plan.expect(WorkStage::Begin, refits);
         self.trials.plan.expect(WorkStage::Refit, refits);
-        self.trials.plan.expect(WorkStage::Judge, judging(refits));
+        self.trials.plan.expect(WorkStage::Judge, self.judging(refits));
     }
 
     /// What is left of this round, and what rounds behind it are expected to take.
@@ -85,24 +91,28 @@ impl State {
         let wider = (1.0 - chance) * self.wider;
         let rounds = chance * behind;
         self.trials.plan.and(&[
-            (WorkStage::Name, named + chance * (behind - behind.min(1.0))),
+            (WorkStage::Name, self.dear[1] * (named + chance * (behind - behind.min(1.0)))),
             (WorkStage::Screen, rounds),
             (WorkStage::Begin, rounds * refits),
             (WorkStage::Refit, rounds * refits),
-            (WorkStage::Judge, rounds * judging(refits)),
+            (WorkStage::Judge, rounds * self.judging(refits)),
             (WorkStage::Restart, wider * WIDER * self.trials.of as f64),
             (WorkStage::Begin, wider * refits),
             (WorkStage::Refit, wider * refits),
-            (WorkStage::Judge, wider * JUDGED[1]),
+            (WorkStage::Judge, wider * self.judging(JUDGED[1])),
         ])
     }
 }
 
 impl<'a> Course<'a> {
     /// A diagnosis that begins with so many effects, of so many rounds at most.
-    pub fn new(control: &'a Control<'a>, effects: usize, rounds: usize) -> Self {
+    pub fn new(control: &'a Control<'a>, predictor: Predictor, effects: usize, rounds: usize) -> Self {
         let course = Self { control, rounds, state: Mutex::default() };
         course.tell(|state| {
+            state.dear = match predictor {
+                Predictor::Filtered => [1.0, 1.0],
+                Predictor::FreeRun => CUT_SHORT,
+            };
             (state.trials.of, state.chance) = (effects, CHANCE);
             state.trials.plan.expect(WorkStage::Fit, 1.0);
             state.trials.plan.enter(WorkStage::Settle, 1.0);
@@ -203,7 +213,7 @@ impl<'a> Course<'a> {
     /// The null model goes on from where the best have come to, and the gates decide.
     pub(super) fn judging(&self) {
         self.tell(|state| {
-            let judged = judging(state.refits);
+            let judged = state.judging(state.refits);
             state.trials.plan.enter(WorkStage::Judge, judged);
         });
     }
@@ -221,7 +231,10 @@ impl<'a> Course<'a> {
 
     /// What was found is taken in and described.
     pub(super) fn naming(&self) {
-        self.tell(|state| state.trials.plan.enter(WorkStage::Name, 1.0));
+        self.tell(|state| {
+            let named = state.dear[1];
+            state.trials.plan.enter(WorkStage::Name, named);
+        });
     }
 
     fn tell(&self, change: impl FnOnce(&mut State)) {
@@ -252,7 +265,7 @@ mod tests {
         let told: Mutex<Vec<Trials>> = Mutex::default();
         let note = |progress: &Progress| told.lock().unwrap().extend(progress.trials.clone());
         let control = Control { progress: &note, ..Control::NONE };
-        let course = Course::new(&control, 4, 3);
+        let course = Course::new(&control, Predictor::Filtered, 4, 3);
         course.settled(100);
         course.round(4, 1.0, false);
         course.beginning(3);

@@ -74,7 +74,7 @@ pub fn diagnose(
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let nothing = || DiagnoseError::nothing(control);
     let (mut library, not_testable) = source.candidates(problem);
-    let course = Course::new(control, library.len(), ROUNDS);
+    let course = Course::new(control, problem.predictor(), library.len(), ROUNDS);
     let halt = || course.halts();
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);

@@ -81,7 +81,7 @@ pub fn ladder(
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (mut library, _) = source.candidates(problem);
-    let course = Course::new(control, library.len(), max_steps);
+    let course = Course::new(control, problem.predictor(), library.len(), max_steps);
     let halt = || course.halts();
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);

@@ -38,7 +38,7 @@ pub fn ladder_by_likelihood(
     }
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
-    let course = Course::new(control, 0, max_steps);
+    let course = Course::new(control, problem.predictor(), 0, max_steps);
     let mut base = problem.clone();
     let mut optimum: Option<MlEstimate> = None;
     let mut steps: Vec<Step> = Vec::new();
