@@ -92,7 +92,7 @@ export function Ladder({ data, path, climb, adopting }) {
           ? [
               step.model === adopting.document.model
                 ? html`<span class="nowrap"><${Status} of="ok" label="the model of the system" /></span>`
-                : html`<button aria-label=${`Use ${step.model} for the controller`} onClick=${use(at)}>Use this model</button>`,
+                : html`<button aria-label=${`Use this model for the controller: ${step.model}`} onClick=${use(at)}>Use this model</button>`,
             ]
           : []),
       ])} />

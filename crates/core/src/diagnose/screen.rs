@@ -158,16 +158,18 @@ impl<'a> Screen<'a> {
         Ok(best.unwrap_or(score))
     }
 
-    /// What is left of the change that a candidate makes at these parameters of its own, and of the residual,
-    /// sample by sample of the whitened series, when all that the model's own parameters can do is taken from
-    /// both: the two axes of an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the
-    /// candidate is as large as that. `None` where its simulation diverges.
+    /// What is left of the change that a candidate makes at these parameters, and of the residual, sample by
+    /// sample of the whitened series, when all that the model's own parameters can do is taken from both: the
+    /// two axes of an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the candidate is as
+    /// large as that. The change is that of the grown model with and without the candidate: where an effect
+    /// saturates, it is another at the parameters of a model that had to do without it. `None` where its
+    /// simulation diverges.
     pub fn added(&self, candidate: &CandidateEffect, with: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
-        let off = candidate.lift(self.base, &self.theta);
-        let mut on = off.clone();
-        candidate.own.iter().for_each(|(index, _)| on[*index] = with[*index]);
+        let mut off = with.to_vec();
+        candidate.own.iter().for_each(|(index, value)| off[*index] = *value);
+        let with = with.to_vec();
         let runs: Option<Vec<Vec<f64>>> =
-            filtered(&candidate.problem, self.whitening, &[off, on], self.halt).into_iter().collect();
+            filtered(&candidate.problem, self.whitening, &[off, with], self.halt).into_iter().collect();
         let [off, on] = runs?.try_into().ok()?;
         let change = DVector::from_vec(off) - DVector::from_vec(on);
         let left = &change - &self.own * self.own.tr_mul(&change);

@@ -69,9 +69,11 @@ fn a_document_is_fitted_without_a_server() {
     // Every verb on measurements names all slips with their places, and the page about the language.
     for name in ["fit", "diagnose", "ladder", "tune"] {
         let faults = verb(name, "").expect(1).err;
-        for place in
-            ["/parameters/a_w: ", "/equations/T_r: line 1, column 19: ", "/equations/T_e: line 1, column "]
-        {
+        for place in [
+            "/parameters/a_w/lower: ",
+            "/equations/T_r: line 1, column 19: ",
+            "/equations/T_e: line 1, column ",
+        ] {
             assert!(faults.contains(place), "{name}: {place} in {faults}");
         }
         assert!(faults.contains("did you mean `a_e`?"), "{faults}");
