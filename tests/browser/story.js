@@ -106,7 +106,7 @@ export async function story(chrome, { base }) {
     await page.getByRole('tab', { name: 'Ladder' }).click();
     const { steps } = await ask(base, `/systems/${HIDES_TWO}/ladder`);
     await page.getByRole('row').filter({ hasText: 'the model of the system' }).waitFor();
-    await page.getByRole('button', { name: `Use ${steps[1].model} for the controller` }).click();
+    await page.getByRole('button', { name: `Use this model for the controller: ${steps[1].model}`, exact: true }).click();
     await page.locator('section.card', { hasText: `Fit of ${steps[1].model} for the controller` }).locator('.status', { hasText: 'succeeded' }).waitFor();
     holds((await ask(base, `/systems/${HIDES_TWO}`)).model === steps[1].model, 'the step is not the model of the system');
   });

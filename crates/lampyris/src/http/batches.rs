@@ -84,7 +84,7 @@ struct NamedEffect {
 /// One batch in a list.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = BatchSummary)]
-struct BatchListRow {
+pub(super) struct BatchListRow {
     id: String,
     /// What its jobs do.
     kind: BatchKind,
@@ -96,6 +96,19 @@ struct BatchListRow {
     finished: bool,
     #[schema(value_type = String, format = DateTime)]
     created_at: Timestamp,
+}
+
+impl From<BatchSummary> for BatchListRow {
+    fn from(record: BatchSummary) -> Self {
+        Self {
+            id: record.id,
+            kind: record.kind,
+            schedule: record.schedule,
+            jobs: record.jobs,
+            finished: record.unfinished == 0,
+            created_at: record.created_at,
+        }
+    }
 }
 
 /// A system that keeps what it had, and why.
@@ -277,15 +290,7 @@ async fn list_batches(
     let size = page.size()?;
     let records =
         store::batches::page(&service.store, caller.reach(), false, page.before()?, size + 1).await?;
-    let row = |record: BatchSummary| BatchListRow {
-        id: record.id,
-        kind: record.kind,
-        schedule: record.schedule,
-        jobs: record.jobs,
-        finished: record.unfinished == 0,
-        created_at: record.created_at,
-    };
-    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), row)))
+    Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), BatchListRow::from)))
 }
 
 /// One batch.

@@ -1,19 +1,20 @@
 //! What the nights have come to, for programs and for people.
 
 use super::access::{Caller, within};
+use super::batches::BatchListRow;
+use super::description::With;
 use super::extract::{Asked, accepted};
-use super::morning;
+use super::night_page;
 use super::page::{Page, PageQuery};
 use super::problem::{ApiError, Problems};
 use super::shared::Shared;
 use crate::service::query::night::report::NightReport;
 use crate::service::query::night::{self, Night};
 use crate::store;
-use crate::store::batches::{BatchKind, BatchSummary};
+use crate::store::batches::BatchSummary;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};
-use jiff::Timestamp;
 use jiff::civil::Date;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -29,23 +30,15 @@ pub fn router() -> OpenApiRouter<Shared> {
 }
 
 /// A batch that a schedule has submitted, in a list of nights.
+type NightRow = With<NightDay, BatchListRow>;
+
+/// When a batch was submitted.
 #[derive(Debug, Serialize, ToSchema)]
-struct NightRow {
+#[schema(as = NightRow)]
+struct NightDay {
     /// The day on the clock of the service; several batches may have one.
     #[schema(format = Date, example = "2026-11-26")]
     night: String,
-    /// The batch.
-    batch: String,
-    /// What its jobs do.
-    kind: BatchKind,
-    /// The schedule that submitted it.
-    schedule: Option<String>,
-    /// How many jobs it has.
-    jobs: i64,
-    /// Whether all of them have ended.
-    finished: bool,
-    #[schema(value_type = String, format = DateTime)]
-    created_at: Timestamp,
 }
 
 /// What schedules have done, newest first: a row for each batch, with the day that it belongs to.
@@ -65,13 +58,8 @@ async fn list_nights(
     let records =
         store::batches::page(&service.store, caller.reach(), true, page.before()?, size + 1).await?;
     let row = |record: BatchSummary| NightRow {
-        night: night::day_of(record.created_at, &service.settings.zone),
-        batch: record.id,
-        kind: record.kind,
-        schedule: record.schedule,
-        jobs: record.jobs,
-        finished: record.unfinished == 0,
-        created_at: record.created_at,
+        own: NightDay { night: night::day_of(record.created_at, &service.settings.zone) },
+        document: record.into(),
     };
     Ok(axum::Json(Page::of(records, size, |record| record.sequence.to_string(), row)))
 }
@@ -100,27 +88,18 @@ async fn get_night(
     let form = accepted(&headers, &["application/json", "text/html"])?;
     let reach = caller.reach();
     let ids = match id.parse::<Date>().ok().and_then(|day| night::bounds(day, &service.settings.zone)) {
-        Some((from, to)) => {
-            let found = store::batches::of_schedules(&service.store, from, to).await?;
-            found.into_iter().filter(|(_, request)| within(reach, request)).map(|(id, _)| id).collect()
-        }
-        None => {
-            let request = store::batches::request(&service.store, &id).await?;
-            request
-                .filter(|request| within(reach, request))
-                .map(|_| id.clone())
-                .into_iter()
-                .collect::<Vec<_>>()
-        }
+        Some((from, to)) => store::batches::of_schedules(&service.store, from, to).await?,
+        None => vec![id.clone()],
     };
     let mut batches = Vec::new();
     for batch in &ids {
-        batches.extend(store::batches::get(&service.store, batch).await?);
+        let found = store::batches::get(&service.store, batch).await?;
+        batches.extend(found.filter(|found| within(reach, &found.request)));
     }
     let report = night::report(&service, reach, Night { name: id.clone(), batches }).await?;
     let report = report.ok_or(ApiError::NotFound("night", id))?;
     let mut response = if form == "text/html" {
-        let mut page = Html(morning::page(&report, &morning::base(&service, &headers))).into_response();
+        let mut page = Html(night_page::page(&report, &night_page::base(&service, &headers))).into_response();
         page.headers_mut().insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
         page
     } else {

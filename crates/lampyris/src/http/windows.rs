@@ -170,7 +170,6 @@ struct ReadingQuery {
     responses((status = 200, description = "How it is read; nothing is stored", body = FileReading), Problems)
 )]
 async fn recognise_window(
-    State(_): State<Shared>,
     Asked(query): Asked<ReadingQuery>,
     raw: Raw,
 ) -> Result<axum::Json<FileReading>, ApiError> {

@@ -32,7 +32,7 @@ pub enum NoticeKind {
     Held,
     /// The gate has refused a fit.
     Rejected,
-    /// A job has failed.
+    /// An estimate for the controller has failed.
     Failed,
     /// Newer measurements contradict what is served.
     Degraded,

@@ -7,12 +7,13 @@ use super::entry::{NewJob, SubmitError};
 use super::error::StoreError;
 use super::idempotency::{Earlier, KeyState, RequestKey, look_up, remember};
 use super::job::{JobFailure, JobStatus, Outcome};
+use super::offers::waits;
 use super::packed::decompress;
 use super::reach::SystemScope;
 use super::row::row;
 use super::sequence::{derive_id, next};
 use super::statement::{query, query_as, query_scalar};
-use super::value::{corrupt, from_json, instant, millis, parse, to_json};
+use super::value::{from_json, from_word, instant, millis, parse, to_json};
 use super::words::words;
 use indexmap::IndexMap;
 use jiff::Timestamp;
@@ -106,6 +107,8 @@ pub struct BatchMember {
     pub outcome: Option<Outcome>,
     /// What it found.
     pub fit: Option<String>,
+    /// Whether that waits for an operator.
+    pub waits: bool,
     /// The sentence of the diagnosis where there is one, otherwise the gate's about the fit.
     pub summary: Option<String>,
     /// Its forecast error over that of the parameters that were served before, on the same unseen data;
@@ -173,6 +176,7 @@ row! {
         state: String,
         outcome: Option<String>,
         fit: Option<String>,
+        waits: bool,
         summary: Option<String>,
         checks: Option<Vec<u8>>,
         error: Option<String>,
@@ -220,9 +224,7 @@ impl JobRow {
         let read = |((id, verdict), findings): ((String, String), String)| {
             let findings: Vec<Finding> = from_json("the findings of a diagnosis", &findings)?;
             let named = findings.into_iter().map(|found| found.way_of.unwrap_or(found.effect)).collect();
-            let verdict =
-                serde_json::from_value(verdict.into()).map_err(|error| corrupt("a verdict", &error))?;
-            Ok::<_, StoreError>(BatchDiagnosis { id, verdict, named })
+            Ok::<_, StoreError>(BatchDiagnosis { id, verdict: from_word("a verdict", &verdict)?, named })
         };
         let checks: Vec<Check> = match &self.checks {
             Some(checks) => decompress("checks", checks)?,
@@ -237,6 +239,7 @@ impl JobRow {
             error: self.error.as_deref().map(|text| from_json("a failure", text)).transpose()?,
             job: self.id,
             fit: self.fit,
+            waits: self.waits,
             summary: self.said.or(self.summary),
             error_ratio: error_ratio(&checks),
             stopped: stopped(&checks),
@@ -355,13 +358,16 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
     let Some(row) = query_as::<Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
         return Ok(None);
     };
-    let sql = "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis, \
+    let sql = concat!(
+        "SELECT j.id, j.system, j.state, j.outcome, j.fit, f.summary, j.error, j.diagnosis, \
         f.checks, d.verdict, json_extract(d.document, '$.summary') AS said, \
         json_extract(d.document, '$.findings') AS findings, j.model, j.revision, \
-        json_extract(r.served, '$.error') AS served_error \
-        FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d \
+        json_extract(r.served, '$.error') AS served_error, ",
+        waits!("j.fit"),
+        " AS waits FROM batch_jobs b JOIN jobs j ON j.id = b.job LEFT JOIN fits f ON f.id = j.fit LEFT JOIN diagnoses d \
         ON d.id = j.diagnosis LEFT JOIN revisions r ON r.system = j.system AND r.revision = j.revision \
-        WHERE b.batch = $1 ORDER BY j.sequence";
+        WHERE b.batch = $1 ORDER BY j.sequence"
+    );
     let jobs: Vec<JobRow> = query_as(sql).bind(id).fetch_all(&store.reader).await?;
     Ok(Some(BatchRecord {
         kind: parse("a kind", &row.kind)?,
@@ -387,21 +393,14 @@ pub async fn ended_with(store: &Store, jobs: &[String]) -> Result<Vec<String>, S
     Ok(query_scalar(sql).bind(to_json("jobs", jobs)?).fetch_all(&store.reader).await?)
 }
 
-/// The batches of schedules that were submitted from one instant to before another, in their order, each with
-/// what was asked.
+/// The batches of schedules that were submitted from one instant to before another, in their order.
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of_schedules(
-    store: &Store,
-    from: Timestamp,
-    to: Timestamp,
-) -> Result<Vec<(String, serde_json::Value)>, StoreError> {
-    let sql = "SELECT id, request FROM batches WHERE schedule IS NOT NULL AND created_at >= $1 AND created_at < $2 \
+pub async fn of_schedules(store: &Store, from: Timestamp, to: Timestamp) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT id FROM batches WHERE schedule IS NOT NULL AND created_at >= $1 AND created_at < $2 \
         ORDER BY sequence";
-    let rows: Vec<(String, String)> =
-        query_as(sql).bind(millis(from)).bind(millis(to)).fetch_all(&store.reader).await?;
-    rows.into_iter().map(|(id, request)| Ok((id, from_json("a request", &request)?))).collect()
+    Ok(query_scalar(sql).bind(millis(from)).bind(millis(to)).fetch_all(&store.reader).await?)
 }
 
 /// Batches submitted before a sequence number, of schedules alone or all, newest first, without their jobs,
@@ -416,15 +415,16 @@ pub async fn page(
     before: i64,
     limit: i64,
 ) -> Result<Vec<BatchSummary>, StoreError> {
-    let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, COUNT(j.id) AS jobs, \
-        COUNT(*) FILTER (WHERE j.state IN ('queued', 'running')) + CASE WHEN b.waiting IS NULL THEN 0 ELSE 1 \
-        END AS unfinished \
-        FROM batches b LEFT JOIN batch_jobs l ON l.batch = b.id LEFT JOIN jobs j ON j.id = l.job \
-        WHERE b.sequence < $1 AND ($4 = FALSE OR b.schedule IS NOT NULL) \
+    // The jobs of what is on the page are counted, and of nothing else.
+    let sql = "SELECT b.id, b.sequence, b.kind, b.schedule, b.created_at, \
+        (SELECT COUNT(*) FROM batch_jobs l WHERE l.batch = b.id) AS jobs, \
+        (SELECT COUNT(*) FROM batch_jobs l JOIN jobs j ON j.id = l.job WHERE l.batch = b.id \
+        AND j.state IN ('queued', 'running')) + CASE WHEN b.waiting IS NULL THEN 0 ELSE 1 END AS unfinished \
+        FROM batches b WHERE b.sequence < $1 AND ($4 = FALSE OR b.schedule IS NOT NULL) \
         AND ($3 IS NULL OR NOT EXISTS (SELECT 1 FROM json_each(b.request, '$.systems') \
         asked \
         WHERE NOT EXISTS (SELECT 1 FROM json_each($3) pattern WHERE glob(pattern.value, asked.value)))) \
-        GROUP BY b.id ORDER BY b.sequence DESC LIMIT $2";
+        ORDER BY b.sequence DESC LIMIT $2";
     let rows: Vec<SummaryRow> = query_as(sql)
         .bind(before)
         .bind(limit)

@@ -68,9 +68,12 @@ row! {
 
 impl Row {
     fn record(self) -> Result<DiagnosisRecord, StoreError> {
+        let mut document: Value = from_json("a diagnosis", &self.document)?;
+        document["system"] = self.system.as_str().into();
+        document["fit"] = self.fit.as_str().into();
         Ok(DiagnosisRecord {
             system: parse("a system", &self.system)?,
-            document: from_json("a diagnosis", &self.document)?,
+            document,
             created_at: instant(self.created_at)?,
             id: self.id,
             sequence: self.sequence,
@@ -108,6 +111,17 @@ pub enum Report {
     Ladder(Box<Ladder>),
 }
 
+impl Report {
+    /// The document that is kept. What is known no sooner than in the transaction, the system and the fit,
+    /// stands beside it in its row.
+    pub(super) fn document(&self) -> Result<String, StoreError> {
+        match self {
+            Report::Diagnosis(diagnosis) => to_json("a diagnosis", diagnosis),
+            Report::Ladder(ladder) => to_json("a ladder", ladder),
+        }
+    }
+}
+
 /// Keeps what a job found out from a fit, which is named with the hash of its model; gives the id of a
 /// diagnosis.
 pub(super) async fn keep(
@@ -115,21 +129,16 @@ pub(super) async fn keep(
     lease: &Lease,
     system: &str,
     (fit, model_hash): (&str, &str),
-    report: &Report,
+    (report, document): (&Report, &str),
     now: Timestamp,
 ) -> Result<Option<String>, StoreError> {
     let sequence = next(tx, "sequence").await?;
     match report {
         Report::Diagnosis(diagnosis) => {
             let id = derive_id("dia", sequence, now);
-            let named = Diagnosis {
-                system: Some(system.to_owned()),
-                fit: Some(fit.to_owned()),
-                ..Diagnosis::clone(diagnosis)
-            };
             let sql = "INSERT INTO diagnoses (id, sequence, job, system, fit, verdict, document, created_at, \
                 missing) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
-            let missing = MissingEffect::of(&named).filter(|_| named.verdict == Adequacy::Named);
+            let missing = MissingEffect::of(diagnosis).filter(|_| diagnosis.verdict == Adequacy::Named);
             let missing = missing.map(|missing| to_json("a missing effect", &missing)).transpose()?;
             query(sql)
                 .bind(&id)
@@ -137,17 +146,16 @@ pub(super) async fn keep(
                 .bind(&lease.job)
                 .bind(system)
                 .bind(fit)
-                .bind(word(&named.verdict)?)
-                .bind(to_json("a diagnosis", &named)?)
+                .bind(word(&diagnosis.verdict)?)
+                .bind(document)
                 .bind(millis(now))
                 .bind(missing)
                 .execute(&mut *tx)
                 .await?;
-            evidence::keep(tx, system, sequence, &named.entries(&id, Some(model_hash))).await?;
+            evidence::keep(tx, system, sequence, &diagnosis.entries(&id, Some(model_hash))).await?;
             Ok(Some(id))
         }
-        Report::Ladder(ladder) => {
-            let named = Ladder { system: Some(system.to_owned()), ..Ladder::clone(ladder) };
+        Report::Ladder(_) => {
             let sql = "INSERT INTO ladders (job, sequence, system, fit, document, created_at) VALUES ($1, \
                 $2, $3, $4, $5, $6)";
             query(sql)
@@ -155,7 +163,7 @@ pub(super) async fn keep(
                 .bind(sequence)
                 .bind(system)
                 .bind(fit)
-                .bind(to_json("a ladder", &named)?)
+                .bind(document)
                 .bind(millis(now))
                 .execute(tx)
                 .await?;
@@ -202,7 +210,9 @@ pub async fn newest_ladder(store: &Store, system: &SystemId) -> Result<Option<La
     let row: Option<(String, String, String, i64)> =
         query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(|(job, fit, document, at)| {
-        Ok(LadderRecord { job, fit, document: from_json("a ladder", &document)?, created_at: instant(at)? })
+        let mut document: Value = from_json("a ladder", &document)?;
+        document["system"] = system.to_string().into();
+        Ok(LadderRecord { job, fit, document, created_at: instant(at)? })
     })
     .transpose()
 }
@@ -229,6 +239,8 @@ pub struct NewestDiagnosis {
 pub struct NamedFinding {
     /// The effect that would be added.
     pub effect: String,
+    /// The effect that is named, where this is another way of it.
+    pub way_of: Option<String>,
     /// A short title for people.
     pub title: String,
     /// Errors without and with it.

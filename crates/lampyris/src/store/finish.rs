@@ -103,6 +103,10 @@ pub async fn finish(
     now: Timestamp,
 ) -> Result<Finished, StoreError> {
     failpoint::reached("before_finish");
+    let document = match ending {
+        JobEnd::Fitted(finding) => finding.report.as_ref().map(Report::document).transpose()?,
+        _ => None,
+    };
     // Whoever may take the job away, or touches what is said of its system, writes alone.
     let mut tx = store.write_beside().await?;
     let sql = "SELECT j.system, j.experiment, j.model = s.model AS own_model,
@@ -122,13 +126,13 @@ pub async fn finish(
     let finished = match ending {
         JobEnd::Fitted(finding) => {
             let mut finished = keep_fit(&mut tx, (lease, &leased), finding, counts, now).await?;
-            if let (Some(report), Some(fit)) = (&finding.report, &finished.fit) {
+            if let (Some(report), Some(document), Some(fit)) = (&finding.report, &document, &finished.fit) {
                 finished.diagnosis = diagnoses::keep(
                     &mut tx,
                     lease,
                     &leased.system,
                     (fit, &finding.fit.model_hash),
-                    report,
+                    (report, document),
                     now,
                 )
                 .await?;
@@ -236,7 +240,7 @@ async fn keep_fit(
     let JudgedFit { fit, judgement, packed, .. } = finding;
     let system = leased.system.as_str();
     let id = id_of("fit", &format!("{} {}", lease.job, lease.attempt));
-    let in_trend = counts && finding.report.is_none();
+    let in_trend = !leased.experiment && finding.report.is_none();
     let sql = "INSERT INTO fits (id, job, system, model, document, replay, verdict, checks, summary, \
         created_at, listed, validation_rmse) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)";
     query(sql)

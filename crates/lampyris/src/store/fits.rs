@@ -2,6 +2,7 @@
 
 use super::database::Store;
 use super::error::StoreError;
+use super::offers::waits;
 use super::packed::{compress, decompress};
 use super::page;
 use super::reach::SystemScope;
@@ -312,6 +313,15 @@ impl EntryRow {
     }
 }
 
+/// What the gate says of a fit, in a sentence, and whether the fit waits for an operator.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn summary(store: &Store, id: &str) -> Result<Option<(String, bool)>, StoreError> {
+    let sql = concat!("SELECT f.summary, ", waits!("f.id"), " AS waits FROM fits f WHERE f.id = $1");
+    Ok(query_as(sql).bind(id).fetch_optional(&store.reader).await?)
+}
+
 /// Fits found before a place in the order, newest first, of one system or of all: one page of a list.
 ///
 /// # Errors
@@ -329,8 +339,9 @@ pub async fn page(
                 "SELECT f.id, f.rowid AS place, f.job, f.system, f.model, f.verdict, f.summary, f.created_at, \
                 f.listed, CASE WHEN f.listed IS NULL THEN f.document END AS document, \
                 EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id AND r.current) AS served, \
-                EXISTS (SELECT 1 FROM offers o WHERE o.fit = f.id) AND NOT EXISTS (SELECT 1 FROM decisions d \
-                WHERE d.fit = f.id) AS waits FROM fits f WHERE ",
+                ",
+                waits!("f.id"),
+                " AS waits FROM fits f WHERE ",
                 $whose,
                 " AND ($4 IS NULL OR EXISTS (SELECT 1 FROM json_each($4) WHERE glob(value, f.system))) \
                 AND f.rowid < $2 ORDER BY f.rowid DESC LIMIT $3"

@@ -4,9 +4,10 @@ use super::database::Store;
 use super::days::{self, Days};
 use super::error::StoreError;
 use super::statement::{query_as, query_scalar};
-use super::value::to_json;
+use super::value::{instant, to_json};
+use jiff::Timestamp;
 use lampyris_core::data::SystemId;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Days with the names of the windows that gave their samples.
 #[derive(Debug, Clone)]
@@ -68,15 +69,14 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn newest(store: &Store, systems: &[String]) -> Result<BTreeMap<String, i64>, StoreError> {
-    let sql = "SELECT system, MAX(last) FROM (\
-        SELECT system, MAX(to_ms) AS last FROM days \
-        WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system UNION ALL \
-        SELECT system, MAX(to_ms) AS last FROM samples \
-        WHERE system IN (SELECT value FROM json_each($1)) GROUP BY system) spans GROUP BY system";
-    let rows: Vec<(String, i64)> =
+pub async fn newest(store: &Store, systems: &[String]) -> Result<HashMap<String, Timestamp>, StoreError> {
+    let sql = "SELECT s.system, (SELECT d.to_ms FROM days d WHERE d.system = s.system ORDER BY d.day DESC LIMIT 1), \
+        (SELECT MAX(m.to_ms) FROM samples m WHERE m.system = s.system) FROM systems s \
+        WHERE s.system IN (SELECT value FROM json_each($1))";
+    let rows: Vec<(String, Option<i64>, Option<i64>)> =
         query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
-    Ok(rows.into_iter().collect())
+    let known = rows.into_iter().filter_map(|(system, laid, live)| Some((system, laid.max(live)?)));
+    known.map(|(system, newest)| Ok((system, instant(newest)?))).collect()
 }
 
 /// The systems of which something was measured, by name.

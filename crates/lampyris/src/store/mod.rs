@@ -32,6 +32,7 @@
 //! | `evidence` | what every window showed of every effect, for longer than its diagnosis |
 //! | `params` | what is served, with all that is said of it |
 //! | `revisions` | everything that was ever served |
+//! | `offers` | what waits for an operator: one condition for all statements |
 //! | `decisions`, `pins` | an operator's word: on held and suggested fits, and on what stays in service |
 //! | `audit` | what operators did, when, and under which name |
 //! | `degradations` | what newer measurements say of what is served |
@@ -87,6 +88,7 @@ pub mod migrate;
 pub mod models;
 mod months;
 pub mod moving;
+mod offers;
 mod open_rows;
 pub mod overview;
 mod packed;

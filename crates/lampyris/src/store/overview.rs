@@ -6,12 +6,13 @@ use super::database::Store;
 use super::diagnoses::MissingEffect;
 use super::error::StoreError;
 use super::fits::FitText;
+use super::measured;
 use super::row::row;
-use super::statement::query_as;
-use super::value::{from_json, instant, to_json};
+use super::statement::{query_as, query_scalar};
+use super::value::{from_json, from_word, to_json};
 use jiff::Timestamp;
 use lampyris_core::diagnose::report::Adequacy;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Validation errors that a trend has at most.
 const TREND: i64 = 14;
@@ -34,6 +35,8 @@ pub struct Overview {
     pub diagnoses: HashMap<String, PresentDiagnosis>,
     /// The instant of its newest sample.
     pub measured_to: HashMap<String, Timestamp>,
+    /// The jobs whose fits wait for an operator.
+    pub waiting: HashSet<String>,
 }
 
 row! {
@@ -66,19 +69,15 @@ pub async fn read(store: &Store, systems: &[String]) -> Result<Overview, StoreEr
         query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     for DiagnosisRow { system, verdict, missing } in rows {
         let missing = missing.map(|missing| from_json("a missing effect", &missing)).transpose()?;
-        let verdict = from_json("a verdict", &format!("\"{verdict}\""))?;
+        let verdict = from_word("a verdict", &verdict)?;
         overview.diagnoses.insert(system, PresentDiagnosis { verdict, missing });
     }
-    let sql = "SELECT s.system, (SELECT d.to_ms FROM days d WHERE d.system = s.system ORDER BY d.day DESC LIMIT 1), \
-        (SELECT MAX(m.to_ms) FROM samples m WHERE m.system = s.system) FROM systems s \
-        WHERE s.system IN (SELECT value FROM json_each($1))";
-    let rows: Vec<(String, Option<i64>, Option<i64>)> =
-        query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
-    for (system, laid, live) in rows {
-        if let Some(newest) = laid.max(live) {
-            overview.measured_to.insert(system, instant(newest)?);
-        }
-    }
+    overview.measured_to = measured::newest(store, systems).await?;
+    let sql = "SELECT f.job FROM offers o JOIN fits f ON f.id = o.fit WHERE f.system IN (SELECT value FROM \
+        json_each($1)) AND NOT EXISTS (SELECT 1 FROM decisions w WHERE w.fit = o.fit)";
+    let jobs: Vec<String> =
+        query_scalar(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
+    overview.waiting = jobs.into_iter().collect();
     Ok(overview)
 }
 

@@ -34,6 +34,11 @@ pub(super) fn to_json<T: serde::Serialize + ?Sized>(what: &str, value: &T) -> Re
     serde_json::to_string(value).map_err(|error| corrupt(what, &error))
 }
 
+/// The enum of a word by which it is written in documents.
+pub(super) fn from_word<T: serde::de::DeserializeOwned>(what: &str, word: &str) -> Result<T, StoreError> {
+    serde_json::from_value(word.into()).map_err(|error| corrupt(what, &error))
+}
+
 /// The word by which an enum is written in documents.
 pub(super) fn word<T: serde::Serialize>(value: &T) -> Result<String, StoreError> {
     match serde_json::to_value(value) {

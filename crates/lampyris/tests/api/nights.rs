@@ -25,7 +25,7 @@ fn a_morning_says_what_changed_and_what_to_do() {
     let batch = night(&app, "2026-01-17T02:30:30Z");
     let listed = app.get("/nights").json();
     assert_eq!(
-        (&listed["items"][0]["night"], &listed["items"][0]["batch"]),
+        (&listed["items"][0]["night"], &listed["items"][0]["id"]),
         (&json!("2026-01-17"), &batch["id"])
     );
     let report = app.get("/nights/2026-01-17").expect(200).json();

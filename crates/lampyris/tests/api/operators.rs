@@ -115,7 +115,10 @@ fn what_an_operator_or_the_gate_has_rejected_stays_so() {
     app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "policy": {"mode": "suggest"}})).expect(200);
     let suggested = app.ended(&app.estimate("room/1", json!({})));
     let fit = suggested["fit"].as_str().unwrap();
+    let step = || app.get("/systems").json()["items"][0]["next"]["code"].clone();
+    assert_eq!(step(), "promote");
     app.json("POST", &format!("/fits/{fit}/reject"), &json!({"reason": "summer settings"})).expect(200);
+    assert_ne!(step(), "promote", "nothing waits any more");
     app.json("POST", &format!("/fits/{fit}/promote"), &json!({"reason": "after all"}))
         .problem(409, "already-decided");
 

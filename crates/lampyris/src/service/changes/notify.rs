@@ -28,7 +28,7 @@ const WAITING: usize = 256;
 /// How often a notice is tried.
 const TRIES: u32 = 8;
 /// The pause behind the first try; each next one is twice as long.
-const FIRST_PAUSE: Duration = Duration::from_secs(1);
+const FIRST_PAUSE: Duration = Duration::from_secs(2);
 /// Longest wait for an answer.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Nights that are remembered as told.
@@ -72,19 +72,24 @@ struct Told {
 pub async fn run(service: Arc<Service>) {
     if let Some(settings) = service.settings.notify.clone() {
         let (sender, waiting) = channel(WAITING);
-        tokio::join!(collect(&service, &settings, sender), deliver(&service, &settings, waiting));
+        let telling =
+            async { tokio::join!(collect(&service, &settings, sender), deliver(&settings, waiting)) };
+        let mut stopping = service.stopping.subscribe();
+        tokio::select! {
+            _ = telling => {}
+            _ = stopping.wait_for(|stops| *stops) => {}
+        }
     }
 }
 
 /// Makes notices of events.
 async fn collect(service: &Arc<Service>, settings: &NotifySettings, sender: Sender<Notice>) {
-    let mut stopping = service.stopping.subscribe();
     let mut newest = service.events.watch();
     let (mut position, _) = service.events.snapshot();
     let known = service.params.all().into_iter();
     let statuses = known.filter_map(|(name, entry)| Some((name, entry.validated()?.status))).collect();
     let mut told = Told { statuses, nights: VecDeque::new(), ended: Vec::new(), look_at: None };
-    while !*stopping.borrow_and_update() {
+    loop {
         newest.borrow_and_update();
         loop {
             let Some(batch) = service.events.after(position, |_| true) else {
@@ -93,7 +98,8 @@ async fn collect(service: &Arc<Service>, settings: &NotifySettings, sender: Send
                 break;
             };
             for event in &batch.events {
-                let made = notice(service, &mut told, event).await.map(|made| made.into_iter().collect());
+                let made = notice(service, settings, &mut told, event).await;
+                let made = made.map(|made| made.into_iter().collect());
                 hand_over(service, settings, &sender, (made, &event.position.to_string()));
             }
             position = batch.position;
@@ -103,19 +109,23 @@ async fn collect(service: &Arc<Service>, settings: &NotifySettings, sender: Send
         }
         if told.look_at.is_some_and(|at| at <= Instant::now()) {
             told.look_at = None;
-            let made = nights(service, &mut told).await;
+            let made = nights(service, settings, &mut told).await;
             hand_over(service, settings, &sender, (made, &format!("{position}.night")));
         }
         let quiet = told.look_at.unwrap_or_else(|| Instant::now() + PATIENCE);
         tokio::select! {
             changed = newest.changed() => if changed.is_err() { return },
             () = tokio::time::sleep_until(quiet) => {}
-            _ = stopping.changed() => {}
         }
     }
 }
 
-/// Completes notices that are wanted, and lets them wait to be delivered, in the one process that tells.
+/// Whether this process is the one that tells, and somebody wants to hear of this.
+fn tells(service: &Service, settings: &NotifySettings, kind: NoticeKind) -> bool {
+    settings.wants(kind) && service.membership.leads()
+}
+
+/// Completes notices, and lets them wait to be delivered.
 fn hand_over(
     service: &Service,
     settings: &NotifySettings,
@@ -126,8 +136,7 @@ fn hand_over(
         tracing::error!(%error, "a notice could not be written");
         Vec::new()
     });
-    let is_told = |notice: &Notice| settings.wants(notice.event) && service.membership.leads();
-    for (place, notice) in made.into_iter().filter(is_told).enumerate() {
+    for (place, notice) in made.into_iter().enumerate() {
         let link = format!("{}{}", settings.page.trim_end_matches('/'), notice.link);
         let notice = Notice { id: format!("{id}.{place}"), at: service.now(), link, ..notice };
         if let Err(TrySendError::Full(notice)) = sender.try_send(notice) {
@@ -137,17 +146,29 @@ fn hand_over(
 }
 
 /// What is to be told of an event.
-async fn notice(service: &Service, told: &mut Told, event: &Event) -> Result<Option<Notice>, ServiceError> {
+async fn notice(
+    service: &Service,
+    settings: &NotifySettings,
+    told: &mut Told,
+    event: &Event,
+) -> Result<Option<Notice>, ServiceError> {
     match &event.what {
         SystemChange::Job(_, JobChange::Finished(job)) => {
-            told.ended.push(job.id.clone());
-            told.look_at = Some(Instant::now() + QUIET);
-            of_job(service, job).await
+            if settings.wants(NoticeKind::Night) {
+                told.ended.push(job.id.clone());
+                // Jobs that go on ending put nothing off.
+                told.look_at.get_or_insert_with(|| Instant::now() + QUIET);
+            }
+            match kind_of(job) {
+                Some(kind) if tells(service, settings, kind) => of_job(service, job, kind).await,
+                _ => Ok(None),
+            }
         }
         SystemChange::Params(change) => {
             let system = event.system.to_string();
             let before = told.statuses.insert(system.clone(), change.status);
-            Ok(if before == Some(change.status) { None } else { of_status(&system, change.status) })
+            let turned = (before != Some(change.status)).then(|| of_status(&system, change.status)).flatten();
+            Ok(turned.filter(|notice| tells(service, settings, notice.event)))
         }
         SystemChange::Job(..) | SystemChange::State(_) => Ok(None),
     }
@@ -169,73 +190,95 @@ fn about(system: &str, event: NoticeKind, title: String, message: String, tab: &
     }
 }
 
-/// What is told of a job that has ended. An experiment changes nothing for anybody.
-async fn of_job(service: &Service, job: &JobRecord) -> Result<Option<Notice>, ServiceError> {
-    if job.experiment {
-        return Ok(None);
+/// What is told of a job that has ended, if anything. An experiment changes nothing for anybody.
+fn kind_of(job: &JobRecord) -> Option<NoticeKind> {
+    match job.state.outcome() {
+        _ if job.experiment => None,
+        Some(Outcome::Accepted) => Some(NoticeKind::Published),
+        Some(Outcome::Rejected) => Some(NoticeKind::Rejected),
+        Some(Outcome::Held | Outcome::Suggested) => Some(NoticeKind::Held),
+        Some(Outcome::Unchanged) => None,
+        None => job.state.failure().map(|_| NoticeKind::Failed),
     }
+}
+
+/// The notice about a job. A fit of another model than the system's changes nothing either: it publishes
+/// nothing, and nobody has to decide on it.
+async fn of_job(
+    service: &Service,
+    job: &JobRecord,
+    kind: NoticeKind,
+) -> Result<Option<Notice>, ServiceError> {
     let system = job.system.to_string();
     let found = job.state.result().and_then(|result| result.found());
-    let notice = match (job.state.outcome(), job.state.failure()) {
-        (Some(Outcome::Accepted), _) => {
-            let revision = found.and_then(|found| found.revision);
-            let number = revision.map(|revision| format!(" (revision {revision})")).unwrap_or_default();
-            let message = format!("{system} serves new parameters{number}.");
+    let said = match (kind, found) {
+        (NoticeKind::Rejected | NoticeKind::Held, Some(found)) => {
+            store::fits::summary(&service.store, &found.id).await?
+        }
+        _ => None,
+    };
+    let notice = match kind {
+        NoticeKind::Published => {
+            let Some(revision) = found.and_then(|found| found.revision) else { return Ok(None) };
+            let message = format!("{system} serves new parameters (revision {revision}).");
             let title = format!("{system}: new parameters");
-            Notice { revision, ..about(&system, NoticeKind::Published, title, message, "/parameters") }
+            Notice { revision: Some(revision), ..about(&system, kind, title, message, "/parameters") }
         }
-        (Some(outcome @ (Outcome::Rejected | Outcome::Held | Outcome::Suggested)), _) => {
-            let fit = match found {
-                Some(found) => store::fits::get(&service.store, &found.id).await?,
-                None => None,
-            };
-            let message = fit.map(|fit| fit.summary).unwrap_or_default();
-            let (kind, what) = match outcome {
-                Outcome::Rejected => (NoticeKind::Rejected, "fit refused"),
-                _ => (NoticeKind::Held, "a fit waits for an operator"),
-            };
-            about(&system, kind, format!("{system}: {what}"), message, "/parameters")
-        }
-        (_, Some(failure)) => {
+        NoticeKind::Failed => {
             let title = format!("{system}: {} failed", job.kind.as_str());
             let link = format!("/ui/jobs/{}", job.id);
-            Notice { link, ..about(&system, NoticeKind::Failed, title, failure.detail.clone(), "") }
+            let message = job.state.failure().map(|failure| failure.detail.clone()).unwrap_or_default();
+            Notice { link, ..about(&system, kind, title, message, "") }
         }
-        _ => return Ok(None),
+        _ => {
+            let Some((summary, waits)) = said else { return Ok(None) };
+            let what = match kind {
+                NoticeKind::Rejected => "fit refused",
+                _ if waits => "a fit waits for an operator",
+                _ => return Ok(None),
+            };
+            about(&system, kind, format!("{system}: {what}"), summary, "/parameters")
+        }
     };
     Ok(Some(Notice { job: Some(job.id.clone()), ..notice }))
 }
 
 /// What is told of the nights that have ended with the jobs that were seen to end.
-async fn nights(service: &Service, told: &mut Told) -> Result<Vec<Notice>, ServiceError> {
+async fn nights(
+    service: &Service,
+    settings: &NotifySettings,
+    told: &mut Told,
+) -> Result<Vec<Notice>, ServiceError> {
     let mut made = Vec::new();
-    for id in store::batches::ended_with(&service.store, &std::mem::take(&mut told.ended)).await? {
+    if !tells(service, settings, NoticeKind::Night) {
+        told.ended.clear();
+        return Ok(made);
+    }
+    // Where the database fails, nothing is taken as told: the next end looks again.
+    for id in store::batches::ended_with(&service.store, &told.ended).await? {
         if told.nights.contains(&id) {
             continue;
-        }
-        told.nights.push_back(id.clone());
-        if told.nights.len() > REMEMBERED {
-            told.nights.pop_front();
         }
         let batches = store::batches::get(&service.store, &id).await?.into_iter().collect();
         let night = Night { name: id.clone(), batches };
         let Some(report) = night::report(service, &SystemScope::ALL, night).await? else { continue };
+        told.nights.push_back(id.clone());
+        if told.nights.len() > REMEMBERED {
+            told.nights.pop_front();
+        }
         let title = format!("Lampyris: night of {}", night::day_of(report.at, &service.settings.zone));
         let link = format!("/ui/mornings/{id}");
         let notice = about("", NoticeKind::Night, title, report.summary, "");
         made.push(Notice { system: None, link, batch: Some(id), ..notice });
     }
+    told.ended.clear();
     Ok(made)
 }
 
 /// What is told of a status that has turned.
 fn of_status(system: &str, status: Status) -> Option<Notice> {
     let (kind, tab, message) = match status {
-        Status::Degraded => (
-            NoticeKind::Degraded,
-            "/fails",
-            "The error on new measurements is far above that of the validation.",
-        ),
+        Status::Degraded => (NoticeKind::Degraded, "/fails", Status::CONTRADICTED),
         Status::Stale => (
             NoticeKind::Stale,
             "/data",
@@ -247,19 +290,18 @@ fn of_status(system: &str, status: Status) -> Option<Notice> {
 }
 
 /// Delivers notices in their order.
-async fn deliver(service: &Arc<Service>, settings: &NotifySettings, mut waiting: Receiver<Notice>) {
-    let mut stopping = service.stopping.subscribe();
+async fn deliver(settings: &NotifySettings, mut waiting: Receiver<Notice>) {
     while let Some(notice) = waiting.recv().await {
-        let mut pause = FIRST_PAUSE;
         for attempt in 1..=TRIES {
             let (asked, told) = (settings.clone(), notice.clone());
             let Err(error) = apart("notify", move || post(&asked, &told)).await else {
                 break;
             };
             tracing::warn!(%error, attempt, title = notice.title, "a notice could not be delivered");
-            tokio::select! {
-                () = tokio::time::sleep(pause) => pause *= 2,
-                _ = stopping.wait_for(|stops| *stops) => return,
+            if attempt == TRIES {
+                tracing::error!(title = notice.title, "a notice was given up");
+            } else {
+                tokio::time::sleep(FIRST_PAUSE * 2_u32.pow(attempt - 1)).await;
             }
         }
     }

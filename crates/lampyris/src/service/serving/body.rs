@@ -56,6 +56,9 @@ impl Status {
     pub const VALIDATED: [Status; 5] =
         [Status::Fresh, Status::Stale, Status::Fallback, Status::Degraded, Status::Pinned];
 
+    /// What is said of a degraded system.
+    pub const CONTRADICTED: &str = "The error on new measurements is far above that of the validation.";
+
     /// The word in the body and in the header `Params-Status`.
     pub const fn as_str(self) -> &'static str {
         match self {

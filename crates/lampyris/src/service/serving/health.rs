@@ -5,7 +5,7 @@
 //! age: what newer measurements contradict, effects that a diagnosis has named, errors beyond the noise or
 //! beyond holding the last measurement. `attention` is only told where there is a next step.
 
-use super::body::Rendered;
+use super::body::{Rendered, Status};
 use crate::store::fits::ListedFit;
 use crate::store::jobs::{JobKind, JobRecord, JobState, Outcome};
 use crate::store::overview::PresentDiagnosis;
@@ -91,6 +91,8 @@ pub struct Facts<'a> {
     pub served: Option<&'a Served>,
     /// Its newest job.
     pub newest: Option<&'a JobRecord>,
+    /// Whether the fit of that waits for an operator.
+    pub waits: bool,
     /// The fit that is served; where none is, the newest of its model.
     pub fit: Option<&'a ListedFit>,
     /// The newest diagnosis of its model.
@@ -107,7 +109,6 @@ pub struct Facts<'a> {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Served {
     status: String,
-    job: Option<String>,
     fallback: Option<FallbackReason>,
     /// What the gate wants said.
     pub flags: Vec<String>,
@@ -165,7 +166,7 @@ pub fn health_of(facts: &Facts) -> SystemHealth {
 pub fn health_of_site(facts: &Facts) -> SystemHealth {
     facts.not_measured().unwrap_or_else(|| {
         let why = "Its measurements are shared; there is nothing to estimate.";
-        facts.stands(Health::Ok, why, facts.nothing())
+        SystemHealth::new(Health::Ok, why, facts.nothing())
     })
 }
 
@@ -174,11 +175,13 @@ fn is_about(code: NextCode, kind: JobKind) -> bool {
     matches!((code, kind), (NextCode::Refit, JobKind::Estimate) | (NextCode::Diagnose, JobKind::Diagnose))
 }
 
-impl Facts<'_> {
-    fn stands(&self, health: Health, why: impl Into<String>, next: NextStep) -> SystemHealth {
-        SystemHealth { health, why: why.into(), next }
+impl SystemHealth {
+    fn new(health: Health, why: impl Into<String>, next: NextStep) -> Self {
+        Self { health, why: why.into(), next }
     }
+}
 
+impl Facts<'_> {
     /// A step that is taken at a tab of the system's page.
     fn step(&self, code: NextCode, text: impl Into<String>, tab: &str) -> NextStep {
         NextStep { code, text: text.into(), href: format!("/ui/systems/{}{tab}", self.system) }
@@ -232,25 +235,23 @@ impl Facts<'_> {
             .or_else(|| self.flagged(served))
             .or_else(|| self.not_measured())
             .or_else(|| self.not_validated(served))
-            .unwrap_or_else(|| self.stands(Health::Ok, "The parameters are fresh.", self.nothing()))
+            .unwrap_or_else(|| SystemHealth::new(Health::Ok, "The parameters are fresh.", self.nothing()))
     }
 
     /// Newer measurements say that it is wrong.
     fn contradicted(&self, served: &Served) -> Option<SystemHealth> {
-        let why = "The error on new measurements is far above that of the validation.";
         let refit = || self.step(NextCode::Refit, "Refit it", "");
-        (served.status == "degraded").then(|| self.stands(Health::Bad, why, refit()))
+        (served.status == "degraded").then(|| SystemHealth::new(Health::Bad, Status::CONTRADICTED, refit()))
     }
 
     /// An operator holds it, or has not decided yet.
     fn decided(&self, served: &Served) -> Option<SystemHealth> {
         if served.status == "pinned" {
             let release = self.step(NextCode::Unpin, "Release the parameters that are held", "/parameters");
-            return Some(self.stands(Health::Attention, "An operator holds the parameters.", release));
+            return Some(SystemHealth::new(Health::Attention, "An operator holds the parameters.", release));
         }
-        let other = self.newest().filter(|job| served.job.as_ref() != Some(&job.id))?;
-        let waits = matches!(other.state.outcome(), Some(Outcome::Held | Outcome::Suggested));
-        waits.then(|| self.stands(Health::Attention, "A fit waits for an operator.", self.decide()))
+        self.waits
+            .then(|| SystemHealth::new(Health::Attention, "A fit waits for an operator.", self.decide()))
     }
 
     /// The newest attempt came to nothing.
@@ -263,7 +264,11 @@ impl Facts<'_> {
                 self.at_job(NextCode::Refit, "Refit it, or see why it failed", Some(job)),
             ),
         };
-        Some(self.stands(Health::Attention, format!("The previous parameters are served: {failure}."), next))
+        Some(SystemHealth::new(
+            Health::Attention,
+            format!("The previous parameters are served: {failure}."),
+            next,
+        ))
     }
 
     /// A diagnosis of its model has named an effect that it does not have.
@@ -272,7 +277,7 @@ impl Facts<'_> {
         let size = missing.size.as_ref().map_or_else(String::new, |size| format!(" {}", size.sentence()));
         let text = format!("Add {}", uncapitalised(&missing.title));
         let next = self.step(NextCode::AddEffect, text, "/missing");
-        Some(self.stands(Health::Attention, format!("{} is missing.{size}", missing.title), next))
+        Some(SystemHealth::new(Health::Attention, format!("{} is missing.{size}", missing.title), next))
     }
 
     /// It errs by more than it should, and somebody can find out why.
@@ -296,7 +301,7 @@ impl Facts<'_> {
                 self.step(NextCode::Diagnose, "Find what is missing", "/missing"),
             ),
         };
-        Some(self.stands(Health::Attention, format!("{error}, and {why}."), next))
+        Some(SystemHealth::new(Health::Attention, format!("{error}, and {why}."), next))
     }
 
     /// What is wrong with its errors: at some horizon they are above those of holding the last measurement,
@@ -339,7 +344,7 @@ impl Facts<'_> {
             self.step(NextCode::Look, "See what the gate has flagged", "/parameters")
         };
         let why = || format!("The gate has flagged the parameters: {}.", flags.join(", "));
-        (!flags.is_empty()).then(|| self.stands(Health::Attention, why(), next))
+        (!flags.is_empty()).then(|| SystemHealth::new(Health::Attention, why(), next))
     }
 
     /// Nothing new was measured for longer than the policy wants.
@@ -348,7 +353,11 @@ impl Facts<'_> {
         let age = self.now.duration_since(newest);
         let next = || self.step(NextCode::Upload, "Upload or connect measurements", "/data");
         (age > SignedDuration::from_millis(self.stale_after.millis())).then(|| {
-            self.stands(Health::Attention, format!("No new measurements since {}.", day(newest)), next())
+            SystemHealth::new(
+                Health::Attention,
+                format!("No new measurements since {}.", day(newest)),
+                next(),
+            )
         })
     }
 
@@ -357,7 +366,7 @@ impl Facts<'_> {
         let validated_at = served.validated_at.filter(|_| served.status == "stale")?;
         let why =
             format!("It was last validated on {}, and there are newer measurements.", day(validated_at));
-        Some(self.stands(Health::Attention, why, self.step(NextCode::Refit, "Refit it", "")))
+        Some(SystemHealth::new(Health::Attention, why, self.step(NextCode::Refit, "Refit it", "")))
     }
 
     fn never_validated(&self) -> SystemHealth {
@@ -367,7 +376,7 @@ impl Facts<'_> {
                 Some(_) => fit(),
                 None => self.step(NextCode::Upload, "Upload measurements", "/data"),
             };
-            return self.stands(Health::Unknown, "Nothing was estimated yet.", next);
+            return SystemHealth::new(Health::Unknown, "Nothing was estimated yet.", next);
         };
         let (health, why, next) = match &job.state {
             JobState::Queued { .. } | JobState::Running { .. } => {
@@ -379,9 +388,7 @@ impl Facts<'_> {
                 (Health::Bad, "the newest job failed", see)
             }
             JobState::Succeeded { result, .. } => match result.outcome() {
-                Some(Outcome::Held | Outcome::Suggested) => {
-                    (Health::Attention, "a fit waits for an operator", self.decide())
-                }
+                _ if self.waits => (Health::Attention, "a fit waits for an operator", self.decide()),
                 Some(Outcome::Rejected) => {
                     let next = self.lacking().map_or_else(|| self.see_checks(), |lacking| lacking.next);
                     (Health::Bad, "the newest fit was rejected", next)
@@ -389,7 +396,7 @@ impl Facts<'_> {
                 _ => (Health::Unknown, "the newest fit does not count for what is served", fit()),
             },
         };
-        self.stands(health, format!("No fit was ever accepted, and {why}."), next)
+        SystemHealth::new(health, format!("No fit was ever accepted, and {why}."), next)
     }
 }
 
@@ -410,8 +417,8 @@ fn is_harmless(flag: &str) -> bool {
     }
 }
 
-/// A title in the middle of a sentence; abbreviations stay as they are.
-fn uncapitalised(title: &str) -> String {
+/// A title in the middle of a sentence: a first letter that stands for no abbreviation is small.
+pub fn uncapitalised(title: &str) -> String {
     let mut letters = title.chars();
     match (letters.next(), letters.clone().next()) {
         (Some(first), Some(second)) if second.is_lowercase() => first.to_lowercase().chain(letters).collect(),

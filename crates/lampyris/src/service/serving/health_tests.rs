@@ -89,6 +89,7 @@ fn facts(system: &SystemId) -> Facts<'_> {
         system,
         served: None,
         newest: None,
+        waits: false,
         fit: None,
         diagnosis: None,
         measured_to: Some("2026-01-02T23:00:00Z".parse().unwrap()),
@@ -233,7 +234,9 @@ fn the_newest_job_decides_where_nothing_is_served() {
     assert_eq!(word(running()), (Health::Unknown, NextCode::Wait));
     assert_eq!(word(failed()), (Health::Bad, NextCode::Look));
     assert_eq!(word(succeeded(Outcome::Rejected)), (Health::Bad, NextCode::Look));
-    assert_eq!(word(succeeded(Outcome::Held)), (Health::Attention, NextCode::Promote));
+    let held = job(succeeded(Outcome::Held));
+    let waits = |waits| health_of(&Facts { newest: Some(&held), waits, ..facts(&system) }).next.code;
+    assert_eq!((waits(true), waits(false)), (NextCode::Promote, NextCode::Refit), "until it is decided");
     let experiment = JobRecord { experiment: true, ..job(failed()) };
     assert_eq!(of(Some(&experiment)).0, Health::Unknown);
 }
@@ -251,14 +254,14 @@ fn a_job_that_waits_or_runs_is_waited_for() {
 }
 
 #[test]
-fn a_fit_that_waits_shows_unless_it_is_the_one_that_is_served() {
-    let system = room();
-    let waiting = job(succeeded(Outcome::Suggested));
-    let of = |served: &Served| {
-        health_of(&Facts { served: Some(served), newest: Some(&waiting), ..facts(&system) }).next.code
+fn a_fit_that_waits_shows_until_somebody_has_decided() {
+    let (system, served) = (room(), served(json!({})));
+    let newest = job(succeeded(Outcome::Suggested));
+    let of = |waits| {
+        let facts = Facts { served: Some(&served), newest: Some(&newest), waits, ..facts(&system) };
+        health_of(&facts).next.code
     };
-    assert_eq!(of(&served(json!({}))), NextCode::Promote);
-    assert_eq!(of(&served(json!({"job": "job_2"}))), NextCode::None);
+    assert_eq!((of(true), of(false)), (NextCode::Promote, NextCode::None));
 }
 
 #[test]

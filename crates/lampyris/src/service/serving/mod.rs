@@ -5,7 +5,7 @@
 //! Measurements that came (`arrivals`) are compared with what is served by `degradations`, from where the
 //! states go on sample by sample (`live`, by the filters that are `kept`); an operator's word comes by
 //! `decisions`. What forecasts said (`said`) is written down by `keeping`, to be compared with what comes.
-//! `pull` asks others for measurements, `listing` brings fits of earlier programs into the lists. `health`
+//! `pull` asks others for measurements. `health`
 //! says how a system fares, and what to do about it.
 
 pub mod ageing;
@@ -18,7 +18,6 @@ pub mod health;
 mod health_tests;
 pub mod keeping;
 pub mod kept;
-pub mod listing;
 pub mod live;
 pub mod params;
 pub mod pull;

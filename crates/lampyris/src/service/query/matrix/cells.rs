@@ -75,7 +75,10 @@ fn unseen(finding: &NamedFinding) -> Option<[f64; 2]> {
 
 /// What the data say of one member of a family.
 struct Member {
+    /// What is added to a model.
     id: String,
+    /// What people call it, and ledgers: another effect where this is a way of it.
+    named: String,
     state: EffectState,
     t: Option<f64>,
     saving: Option<f64>,
@@ -85,26 +88,31 @@ struct Member {
 
 /// What a system's data say of every effect: what its model has, its newest diagnosis, and what its windows
 /// show together beside the model that was diagnosed.
-fn cells(system: &DiagnosedSystem, evidence: &[LedgerEntry]) -> Vec<MatrixCell> {
+fn cells(
+    system: &DiagnosedSystem,
+    evidence: &[LedgerEntry],
+    named: &dyn Fn(&str) -> String,
+) -> Vec<MatrixCell> {
     let mut members: Vec<Member> = Vec::new();
     let effects = |model: &str| model.split('+').skip(1).map(str::to_owned).collect::<Vec<_>>();
     for id in effects(&system.model) {
         let why = format!("The model {} has it.", system.model);
-        members.push(Member { id, state: EffectState::InModel, t: None, saving: None, unit: None, why });
+        let state = EffectState::InModel;
+        members.push(Member { named: named(&id), id, state, t: None, saving: None, unit: None, why });
     }
     if let Some(diagnosis) = &system.diagnosis {
         let beside: Vec<LedgerEntry> =
             evidence.iter().filter(|entry| entry.model == diagnosis.model).cloned().collect();
         let ledgers = ledgers(&beside);
         for member in seen(diagnosis, &ledgers) {
-            if !members.iter().any(|known| known.id == member.id) {
+            if !members.iter().any(|known| known.named == member.named) {
                 members.push(member);
             }
         }
     }
     let mut families: BTreeMap<String, Vec<Member>> = BTreeMap::new();
     for member in members {
-        families.entry(family(&member.id).to_owned()).or_default().push(member);
+        families.entry(family(&member.named).to_owned()).or_default().push(member);
     }
     families.into_iter().map(|(effect, members)| folded(effect, members)).collect()
 }
@@ -114,6 +122,7 @@ fn seen(diagnosis: &NewestDiagnosis, ledgers: &[Ledger]) -> Vec<Member> {
     let pooled = |effect: &str| ledgers.iter().find(|one| one.effect == effect)?.pooled.as_ref();
     let named = diagnosis.findings.iter().map(|finding| {
         let errors = unseen(finding);
+        let named = finding.way_of.as_ref().unwrap_or(&finding.effect);
         let unit = finding.size.as_ref().map(|size| size.unit.clone());
         let why = match errors {
             Some([without, with]) => format!(
@@ -125,35 +134,37 @@ fn seen(diagnosis: &NewestDiagnosis, ledgers: &[Ledger]) -> Vec<Member> {
         };
         Member {
             id: finding.effect.clone(),
+            named: named.clone(),
             state: EffectState::Named,
-            t: pooled(&finding.effect).map(|pooled| pooled.t),
+            t: pooled(named).map(|pooled| pooled.t),
             saving: errors.map(|[without, with]| without - with),
             unit,
             why,
         }
     });
-    let shown = ledgers.iter().filter_map(|ledger| {
-        let pooled = ledger.pooled.as_ref()?;
-        let is_clear = pooled.t >= CLEAR_T && pooled.taken_back.is_none();
-        let state = if is_clear { EffectState::Suspected } else { EffectState::Absent };
-        let (t, why) = (Some(pooled.t), pooled.sentence.clone());
-        Some(Member { id: ledger.effect.clone(), state, t, saving: None, unit: None, why })
-    });
     let plain = |id: &str, state, why: &str| Member {
         id: id.to_owned(),
+        named: id.to_owned(),
         state,
         t: None,
         saving: None,
         unit: None,
         why: why.to_owned(),
     };
+    let shown = ledgers.iter().filter_map(|ledger| {
+        let pooled = ledger.pooled.as_ref()?;
+        let is_clear = pooled.t >= CLEAR_T && pooled.taken_back.is_none();
+        let state = if is_clear { EffectState::Suspected } else { EffectState::Absent };
+        let t = Some(pooled.t);
+        Some(Member { t, ..plain(&ledger.effect, state, &pooled.sentence) })
+    });
     let tried =
         diagnosis.considered.iter().map(|tried| plain(&tried.effect, EffectState::Absent, &tried.why));
     let untried =
         diagnosis.not_testable.iter().map(|one| plain(&one.effect, EffectState::NotTestable, &one.reason));
     let mut all: Vec<Member> = Vec::new();
     for member in named.chain(shown).chain(tried).chain(untried) {
-        if !all.iter().any(|known| known.id == member.id) {
+        if !all.iter().any(|known| known.named == member.named) {
             all.push(member);
         }
     }
@@ -176,10 +187,14 @@ fn folded(effect: String, members: Vec<Member>) -> MatrixCell {
     }
 }
 
-/// The row of a system.
-pub(super) fn row(system: DiagnosedSystem, evidence: &[LedgerEntry]) -> MatrixRow {
+/// The row of a system. `named` gives what people call an effect of a model.
+pub(super) fn row(
+    system: DiagnosedSystem,
+    evidence: &[LedgerEntry],
+    named: &dyn Fn(&str) -> String,
+) -> MatrixRow {
     MatrixRow {
-        cells: cells(&system, evidence),
+        cells: cells(&system, evidence, named),
         diagnosis: system.diagnosis.as_ref().map(|newest| newest.id.clone()),
         diagnosed: system.diagnosis.as_ref().map(|newest| newest.model.clone()),
         created_at: system.diagnosis.as_ref().map(|newest| newest.created_at),
@@ -219,6 +234,7 @@ mod tests {
     fn system(name: &str, model: &str, test: Option<[f64; 2]>) -> DiagnosedSystem {
         let finding = |effect: &str, test| NamedFinding {
             effect: effect.into(),
+            way_of: None,
             title: "Wind infiltration".into(),
             rmse: UnseenPairs { validation: Some([0.9, 0.1]), test },
             size: Some(SizeUnit { unit: "K".into() }),
@@ -238,6 +254,11 @@ mod tests {
         }
     }
 
+    /// Of ways that are called `_slow`.
+    fn row_of(system: DiagnosedSystem, evidence: &[LedgerEntry]) -> MatrixRow {
+        row(system, evidence, &|id| id.trim_end_matches("_slow").to_owned())
+    }
+
     fn states(row: &MatrixRow) -> Vec<(&str, EffectState)> {
         row.cells.iter().map(|cell| (cell.effect.as_str(), cell.state)).collect()
     }
@@ -252,7 +273,7 @@ mod tests {
             // Beside another model it says nothing of this one.
             entry("sensor_lag", "room2", 9.0),
         ];
-        let lacking = row(system("room/1", "room3", Some([0.6, 0.4])), &evidence);
+        let lacking = row_of(system("room/1", "room3", Some([0.6, 0.4])), &evidence);
         assert_eq!(
             states(&lacking),
             [
@@ -268,9 +289,25 @@ mod tests {
         assert!((wind.saving.unwrap() - 0.2).abs() < 1e-12, "what no decision has seen counts: {wind:?}");
         assert!(wind.why.contains("from 0.60 to 0.40 K"), "{}", wind.why);
         // What was added since is no longer lacking.
-        let grown = row(system("room/1", "room3+wind_infiltration", None), &evidence);
+        let grown = row_of(system("room/1", "room3+wind_infiltration", None), &evidence);
         assert_eq!(grown.cells[3].state, EffectState::InModel);
-        let unknown = row(DiagnosedSystem { diagnosis: None, ..system("room/1", "room3", None) }, &[]);
+        let unknown = row_of(DiagnosedSystem { diagnosis: None, ..system("room/1", "room3", None) }, &[]);
         assert_eq!((unknown.cells.len(), unknown.diagnosis), (0, None));
+    }
+
+    #[test]
+    fn a_way_of_an_effect_is_told_as_that_effect() {
+        let mut lacking = system("room/1", "room3", Some([0.6, 0.4]));
+        let diagnosis = lacking.diagnosis.as_mut().unwrap();
+        diagnosis.findings[0].effect = "wind_infiltration_slow".into();
+        diagnosis.findings[0].way_of = Some("wind_infiltration".into());
+        let row = row_of(lacking, &[entry("wind_infiltration", "room3", 6.0)]);
+        let cell = row.cells.iter().find(|cell| cell.effect == "wind_infiltration").unwrap();
+        assert_eq!((cell.state, cell.t), (EffectState::Named, Some(6.0)));
+        assert_eq!(cell.members, ["wind_infiltration_slow"], "what is added is the way");
+        assert!(row.cells.iter().all(|cell| !cell.effect.ends_with("_slow")), "{row:?}");
+        let grown = row_of(system("room/1", "room3+wind_infiltration_slow", None), &[]);
+        let cell = grown.cells.iter().find(|cell| cell.effect == "wind_infiltration").unwrap();
+        assert_eq!(cell.state, EffectState::InModel);
     }
 }

@@ -1,6 +1,7 @@
 //! The effects over all systems of a selection: how many lack each, and what adding it saves.
 
 use super::cells::{EffectState, MatrixRow};
+use crate::service::serving::health::uncapitalised;
 use lampyris_core::model::Catalogue;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -8,6 +9,8 @@ use utoipa::ToSchema;
 
 /// The kind of systems that people call rooms.
 const ROOM: &str = "room";
+/// A mean saving below this is none, in the unit of the output.
+pub const WORTHWHILE: f64 = 0.005;
 
 /// An effect over all systems that were asked about.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -41,15 +44,14 @@ struct EffectCount {
     lacking: usize,
     in_model: usize,
     not_testable: usize,
-    savings: Vec<f64>,
-    units: Vec<Option<String>>,
+    savings: Vec<(f64, Option<String>)>,
 }
 
 /// What is counted of all systems.
 #[derive(Debug, Default)]
 pub(super) struct Tally {
     diagnosed: usize,
-    rooms_alone: bool,
+    others: bool,
     effects: BTreeMap<String, EffectCount>,
 }
 
@@ -59,7 +61,7 @@ impl Tally {
         if row.diagnosis.is_none() {
             return;
         }
-        self.rooms_alone = row.system.kind() == ROOM && (self.rooms_alone || self.diagnosed == 0);
+        self.others |= row.system.kind() != ROOM;
         self.diagnosed += 1;
         for cell in &row.cells {
             let count = self.effects.entry(cell.effect.clone()).or_default();
@@ -67,8 +69,7 @@ impl Tally {
                 EffectState::Named => {
                     count.lacking += 1;
                     if let Some(saving) = cell.saving {
-                        count.savings.push(saving);
-                        count.units.push(cell.unit.clone());
+                        count.savings.push((saving, cell.unit.clone()));
                     }
                 }
                 EffectState::InModel => count.in_model += 1,
@@ -80,7 +81,7 @@ impl Tally {
 
     /// The effects, what saves most first.
     pub(super) fn effects(self, title: impl Fn(&str) -> String) -> Vec<MatrixEffect> {
-        let (diagnosed, rooms) = (self.diagnosed, self.rooms_alone);
+        let (diagnosed, rooms) = (self.diagnosed, !self.others);
         let mut all: Vec<MatrixEffect> = self
             .effects
             .into_iter()
@@ -100,9 +101,10 @@ impl Tally {
 impl EffectCount {
     fn summary(self, title: &str, effect: String, diagnosed: usize, rooms: bool) -> MatrixEffect {
         // Errors of different units are not added.
-        let is_one = self.units.windows(2).all(|pair| pair[0] == pair[1]);
-        let unit = self.units.first().cloned().flatten().filter(|_| is_one);
-        let total_saving = (is_one && !self.savings.is_empty()).then(|| self.savings.iter().sum::<f64>());
+        let is_one = self.savings.windows(2).all(|pair| pair[0].1 == pair[1].1);
+        let unit = self.savings.first().and_then(|(_, unit)| unit.clone()).filter(|_| is_one);
+        let total = || self.savings.iter().map(|(saving, _)| saving).sum::<f64>();
+        let total_saving = (is_one && !self.savings.is_empty()).then(total);
         let mean_saving = total_saving.map(|total| total / self.savings.len() as f64);
         let sentence = sentence(title, self.lacking, diagnosed, rooms, mean_saving, unit.as_deref());
         MatrixEffect {
@@ -135,31 +137,20 @@ fn sentence(
         (false, 1) => "system",
         (false, _) => "systems",
     };
-    let name = in_a_sentence(title);
+    let name = uncapitalised(title);
     if lacking == 0 {
         return format!("none of {diagnosed} {noun} lacks {name}");
     }
     let (verb, each) = if lacking == 1 { ("lacks", "") } else { ("lack", " each") };
     let unit = unit.map(|unit| format!(" {unit}")).unwrap_or_default();
     let worth = match mean_saving {
-        Some(saving) if saving >= 0.005 => {
+        Some(saving) if saving >= WORTHWHILE => {
             format!("; adding it saves {saving:.2}{unit}{each} on unseen data")
         }
         Some(_) => "; adding it leaves the error of a free run on unseen data as it is".to_owned(),
         None => String::new(),
     };
     format!("{lacking} of {diagnosed} {noun} {verb} {name}{worth}")
-}
-
-/// A title within a sentence: a first letter that stands for no abbreviation is small.
-fn in_a_sentence(title: &str) -> String {
-    let mut letters = title.chars();
-    match (letters.next(), letters.clone().next()) {
-        (Some(first), Some(second)) if !second.is_uppercase() => {
-            first.to_lowercase().chain(letters).collect()
-        }
-        _ => title.to_owned(),
-    }
 }
 
 /// The title of an effect, its id where nobody knows it any more.

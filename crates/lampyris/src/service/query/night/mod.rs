@@ -9,23 +9,26 @@ pub mod report;
 mod outcomes;
 mod steps;
 
-use crate::service::catalogue::system::document;
+use crate::service::catalogue::system::{Policy, document};
 use crate::service::error::ServiceError;
 use crate::service::query::matrix;
 use crate::service::serving::body::Status;
 use crate::service::serving::health::Served;
 use crate::service::state::Service;
+use crate::service::threads::blocking;
 use crate::store;
 use crate::store::batches::{BatchMember, BatchRecord};
 use crate::store::jobs::Outcome;
 use crate::store::reach::SystemScope;
+use crate::store::systems::SystemRecord;
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, Zoned};
-use lampyris_core::data::{Duration, SystemId};
+use lampyris_core::data::SystemId;
 use outcomes::{changed_system, gain, refusals, skipped, summary};
 use report::{DoubtfulSystem, NightBatch, NightReport};
 use std::cmp::Reverse;
-use steps::{doubt, next_steps};
+use std::collections::HashMap;
+use steps::{SampleAge, doubt, next_steps};
 
 /// The batches of a night, and under which name it was asked for.
 #[derive(Debug)]
@@ -60,8 +63,12 @@ pub async fn report(
     let Some(at) = night.batches.iter().map(|batch| batch.created_at).min() else { return Ok(None) };
     let jobs: Vec<&BatchMember> = night.batches.iter().flat_map(|batch| &batch.jobs).collect();
     let mut changed = Vec::new();
-    for job in jobs.iter().filter(|job| job.outcome == Some(Outcome::Accepted)) {
-        changed.push(changed_system(job, horizon(service, &job.system).await?));
+    let accepted: Vec<&BatchMember> =
+        jobs.iter().copied().filter(|job| job.outcome == Some(Outcome::Accepted)).collect();
+    let policies = policies(service, accepted.iter().map(|job| job.system.clone()).collect()).await?;
+    for job in accepted {
+        let horizon = policies.get(&job.system).map(|policy| policy.horizon).unwrap_or_default();
+        changed.push(changed_system(job, horizon));
     }
     changed.sort_by(|one, other| gain(other).total_cmp(&gain(one)).then(one.system.cmp(&other.system)));
     let confirmed = jobs
@@ -69,11 +76,8 @@ pub async fn report(
         .filter(|job| job.outcome == Some(Outcome::Unchanged))
         .map(|job| job.system.to_string())
         .collect();
-    let waiting: Vec<String> = jobs
-        .iter()
-        .filter(|job| matches!(job.outcome, Some(Outcome::Held | Outcome::Suggested)))
-        .map(|job| job.system.to_string())
-        .collect();
+    let waiting: Vec<String> =
+        jobs.iter().filter(|job| job.waits).map(|job| job.system.to_string()).collect();
     let refused = refusals(&jobs);
     let doubtful = doubtful(service, reach).await?;
     let effects = matrix::summary(service, (reach, &SystemScope::ALL)).await?;
@@ -101,11 +105,14 @@ pub async fn report(
     }))
 }
 
-/// The horizon of a system's policy.
-async fn horizon(service: &Service, system: &SystemId) -> Result<Duration, ServiceError> {
-    let record = store::systems::get(&service.store, system).await?;
-    let known = record.map(|record| document(&record.document)).transpose()?;
-    Ok(known.map(|document| document.policy.horizon).unwrap_or_default())
+/// The policies of some systems.
+async fn policies(
+    service: &Service,
+    systems: Vec<SystemId>,
+) -> Result<HashMap<SystemId, Policy>, ServiceError> {
+    let records = store::systems::some(&service.store, &SystemScope::ALL, &systems).await?;
+    let read = |record: SystemRecord| Ok((record.system, document(&record.document)?.policy));
+    blocking(move || records.into_iter().map(read).collect::<Result<_, ServiceError>>()).await?
 }
 
 /// The systems whose parameters are not to be relied on now, degraded ones first.
@@ -124,12 +131,19 @@ async fn doubtful(service: &Service, reach: &SystemScope) -> Result<Vec<Doubtful
         .collect();
     let names: Vec<String> = found.iter().map(|(name, ..)| name.clone()).collect();
     let measured = store::measured::newest(&service.store, &names).await?;
+    let known = names.iter().filter_map(|name| name.parse().ok()).collect();
+    let policies: HashMap<String, Policy> = policies(service, known)
+        .await?
+        .into_iter()
+        .map(|(system, policy)| (system.to_string(), policy))
+        .collect();
     let now = service.now();
     let mut all: Vec<DoubtfulSystem> = found
         .into_iter()
         .map(|(system, status, since)| {
-            let to = measured.get(&system).and_then(|millis| Timestamp::from_millisecond(*millis).ok());
-            doubt(system, status, since, to, now)
+            let stale_after = policies.get(&system).map(|policy| policy.stale_after).unwrap_or_default();
+            let measured = SampleAge { to: measured.get(&system).copied(), stale_after, now };
+            doubt(system, status, since, &measured)
         })
         .collect();
     all.sort_by_key(|one| (one.status != Status::Degraded, !one.lost, Reverse(one.since)));

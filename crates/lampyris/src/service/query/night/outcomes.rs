@@ -19,6 +19,14 @@ pub(super) fn changed_system(job: &BatchMember, horizon: Duration) -> ChangedSys
         None => error.validation_rmse.map(|rmse| (None, rmse)),
     });
     let after = known.as_ref().map(|(_, rmse)| *rmse);
+    // The gate has compared at the horizon itself, and of several outputs all together.
+    let outputs = job.served_error.as_ref().map_or(0, |errors| errors.len());
+    let is_same = outputs == 1
+        && match known.as_ref().and_then(|(name, _)| name.as_ref()) {
+            Some(name) => name.parse() == Ok(horizon),
+            None => true,
+        };
+    let ratio = job.error_ratio.filter(|ratio| is_same && *ratio > 0.0);
     ChangedSystem {
         system: job.system.to_string(),
         model: job.model.clone(),
@@ -26,7 +34,7 @@ pub(super) fn changed_system(job: &BatchMember, horizon: Duration) -> ChangedSys
         fit: job.fit.clone(),
         unit: error.map(|error| error.unit.clone()),
         horizon: known.and_then(|(name, _)| name),
-        before: after.zip(job.error_ratio.filter(|ratio| *ratio > 0.0)).map(|(after, ratio)| after / ratio),
+        before: after.zip(ratio).map(|(after, ratio)| after / ratio),
         after,
     }
 }
@@ -98,12 +106,13 @@ pub(super) fn summary(
         (with(Outcome::Held) + with(Outcome::Suggested), "waiting for an operator's word"),
         (count(&|job| job.diagnosis.is_some()), "diagnosed"),
         (count(&|job| job.state == JobStatus::Failed), "failed"),
+        (count(&|job| job.state == JobStatus::Cancelled), "called off"),
         (count(&|job| !job.state.is_final()), "not done yet"),
     ];
     let parts: Vec<String> =
         known.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
     let noun = if jobs.len() == 1 { "job" } else { "jobs" };
-    let mut said = match parts.is_empty() {
+    let mut said = match jobs.is_empty() {
         true => "Nothing was to be done.".to_owned(),
         false => format!("{} {noun}: {}.", jobs.len(), parts.join(", ")),
     };
@@ -151,6 +160,7 @@ mod tests {
             state,
             outcome,
             fit: None,
+            waits: outcome == Some(Outcome::Held),
             summary: Some("said".into()),
             error_ratio: Some(0.5),
             error: outcome.is_none().then_some(failure),
@@ -196,8 +206,10 @@ mod tests {
         }});
         let served_error = serde_json::from_value(error).unwrap();
         let member = BatchMember { served_error, ..job("room/1", Some(Outcome::Accepted), None) };
-        let changed = changed_system(&member, Duration::from_hours(12));
-        assert_eq!((changed.horizon.as_deref(), changed.after), (Some("PT6H"), Some(0.3)));
+        let between = changed_system(&member, Duration::from_hours(12));
+        assert_eq!((between.horizon.as_deref(), between.after), (Some("PT6H"), Some(0.3)));
+        assert_eq!(between.before, None, "the gate has compared 12 h ahead, and that is not told");
+        let changed = changed_system(&member, Duration::from_hours(6));
         assert!((changed.before.unwrap() - 0.6).abs() < 1e-12);
         assert_eq!(means(&[changed]).map(|(.., unit, count)| (unit, count)), Some(("K", 1)));
     }

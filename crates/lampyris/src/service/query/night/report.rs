@@ -31,7 +31,7 @@ pub struct NightReport {
     /// What is not to be relied on now: degraded systems, then stale ones.
     pub doubtful: Vec<DoubtfulSystem>,
     /// What to do, the most valuable first: what misleads a controller now, then what saves most.
-    pub next: Vec<MorningStep>,
+    pub next: Vec<NightStep>,
 }
 
 /// A batch of a night.
@@ -118,7 +118,7 @@ pub struct DoubtfulSystem {
 
 /// Something worth doing.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct MorningStep {
+pub struct NightStep {
     /// What to do, in a sentence.
     pub what: String,
     /// Whom it is about.

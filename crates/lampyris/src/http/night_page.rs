@@ -18,8 +18,12 @@ const NUMBER: &str =
     "padding:4px 10px 4px 0;text-align:right;vertical-align:top;border-bottom:1px solid #d0d7de";
 const TITLE: &str = "font-size:17px;margin:24px 0 6px";
 
-/// The address under which the service was asked: links of a mail need all of it.
+/// The address at which people reach the page, or else that under which the service was asked: links of a
+/// mail need all of it.
 pub fn base(service: &Shared, headers: &HeaderMap) -> String {
+    if let Some(notify) = service.settings.notify.as_ref().filter(|notify| !notify.page.is_empty()) {
+        return notify.page.trim_end_matches('/').to_owned();
+    }
     let scheme = if service.settings.tls.is_some() { "https" } else { "http" };
     let host = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     host.map(|host| format!("{scheme}://{host}")).unwrap_or_default()
@@ -49,9 +53,7 @@ fn names(base: &str, systems: &[String], tab: &str) -> String {
 }
 
 fn table(heads: &[(&str, bool)], rows: &[Vec<String>]) -> String {
-    let mut text = String::from(
-        "<table role=\"presentation\" style=\"border-collapse:collapse;font-size:14px;width:100%\"><tr>",
-    );
+    let mut text = String::from("<table style=\"border-collapse:collapse;font-size:14px;width:100%\"><tr>");
     let style = |at: usize| if heads.get(at).is_some_and(|(_, number)| *number) { NUMBER } else { CELL };
     for (at, (head, _)) in heads.iter().enumerate() {
         let _ =
@@ -182,7 +184,7 @@ pub fn page(report: &NightReport, base: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::query::night::report::MorningStep;
+    use crate::service::query::night::report::NightStep;
 
     #[test]
     fn whatever_a_report_says_is_text_and_long_lists_are_counted() {
@@ -203,7 +205,7 @@ mod tests {
             }],
             skipped: Vec::new(),
             doubtful: Vec::new(),
-            next: vec![MorningStep { what: "Look".into(), systems: Vec::new(), link: "/ui/?a=1&b=2".into() }],
+            next: vec![NightStep { what: "Look".into(), systems: Vec::new(), link: "/ui/?a=1&b=2".into() }],
         };
         let page = page(&report, "http://127.0.0.1:8080");
         assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt; &amp; more"), "{page}");
