@@ -9,6 +9,7 @@ import { edges } from './edges.js';
 import { foreign } from './foreign.js';
 import { importing } from './import.js';
 import { mathematics } from './mathematics.js';
+import { morning } from './morning.js';
 import { overview } from './overview.js';
 import { pages } from './pages.js';
 import { pictures } from './pictures.js';
@@ -41,6 +42,7 @@ try {
     await importing(chrome, process.env.LAMPYRIS_BINARY);
     await queue(chrome, process.env.LAMPYRIS_BINARY);
     await overview(chrome, process.env.LAMPYRIS_BINARY);
+    await morning(chrome, process.env.LAMPYRIS_BINARY);
     const begun = Date.now();
     await service.ready();
     console.log(`  the demo was waited for ${((Date.now() - begun) / 1000).toFixed(1)} s`);

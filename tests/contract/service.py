@@ -152,6 +152,7 @@ def seed(base):
     ended(base, called_off["id"])
     return {
         "batches": [batch["id"]],
+        "nights": [batch["id"]],
         "diagnoses": [found[0]["diagnosis"]],
         "effects": ["constant_gain", "metered_gain"],
         "fits": [job["fit"] for job in jobs],

@@ -1,5 +1,5 @@
 // Keys, and the list of them that `?` shows. None fires inside a field, and none with a modifier.
-import { useEffect, useRef } from './html.js';
+import { useLayoutEffect, useRef } from './html.js';
 
 const active = new Set();
 let prefix = null;
@@ -40,7 +40,8 @@ document.addEventListener('keydown', event => {
 export function useKeys(keys) {
   const latest = useRef(keys);
   latest.current = keys;
-  useEffect(() => {
+  // What is drawn hears its keys at once: a key that somebody is quick with is not lost.
+  useLayoutEffect(() => {
     active.add(latest);
     return () => active.delete(latest);
   }, []);
