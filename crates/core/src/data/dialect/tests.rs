@@ -90,6 +90,20 @@ fn day_and_month_change_places_only_where_the_file_says_which_is_which() {
 }
 
 #[test]
+fn years_may_have_two_digits() {
+    let first = |rows: &[&str]| {
+        let text = format!("Zeit;T_room\n{};21\n", rows.join(";20\n"));
+        let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+        (dialect.dates, samples(&window, "T_room")[0].0.clone())
+    };
+    let noon = "2026-01-31T12:00:00Z".to_owned();
+    assert_eq!(first(&["31.01.26 12:00", "31.01.26 12:10"]), (DateForm::DayFirst, noon.clone()));
+    assert_eq!(first(&["31/01/26 12:00", "31/01/26 12:10"]), (DateForm::DayFirst, noon));
+    let after = "2026-01-31T13:00:00Z".to_owned();
+    assert_eq!(first(&["1/31/26 1:00 PM", "1/31/26 1:10 PM"]), (DateForm::MonthFirst, after));
+}
+
+#[test]
 fn times_without_a_zone_stay_a_fault_and_lines_keep_their_numbers() {
     let text = "# made by hand\n\nZeit;T_room\n31.01.2026 12:00;21,5\n31.01.2026 13:00;21,5\n";
     let found = recognise(text.as_bytes(), &DialectAsked::default()).unwrap();
