@@ -1,11 +1,9 @@
 //! Where in a text the header is, what separates its cells, and which columns are the time.
 
 use super::dates::is_stamp;
-use crate::data::channel::canonical_unit;
-use crate::data::header::{ColumnHeader, ColumnUnit};
+use crate::data::header::{ColumnHeader, ColumnUnit, unit_text};
 use crate::data::stamp::read_stamp;
 use crate::data::table::is_no_value;
-use crate::units::Unit;
 
 /// Lines above the header that may say something else.
 const MOST_ABOVE: usize = 50;
@@ -205,7 +203,7 @@ fn units(below: &[String], names: &[String]) -> Option<Vec<String>> {
     let bare = |cell: &str| cell.trim().trim_matches(['[', ']', '(', ')']).to_owned();
     let is_unit = |cell: &str| {
         let unit = bare(cell);
-        unit.parse::<f64>().is_err() && !is_no_value(&unit) && Unit::parse(canonical_unit(&unit)).is_ok()
+        !is_no_value(&unit) && unit_text(&unit).is_some()
     };
     let filled = || below.iter().map(String::as_str).filter(|cell| !is_no_value(cell.trim()));
     if filled().any(is_stamp) || filled().filter(|cell| is_unit(cell)).count() * 2 <= filled().count() {
