@@ -15,7 +15,6 @@ use super::stamp::{BadStamp, in_utc, read_stamp};
 use super::window::{RejectedRow, Window, WindowReport};
 use crate::fault::Fault;
 use crate::fault::shown;
-use crate::units::Unit;
 
 /// Rejected rows that a report lists one by one.
 const MAX_LISTED: usize = 100;
@@ -377,7 +376,8 @@ fn channel_series(
                 outside.line
             );
             let fault = Fault::new(place.column(name), "implausible-values", detail);
-            return Err(match meant_unit(target, &column.values) {
+            let meant = target.kind.unit_that_explains(&target.channel, &column.values);
+            return Err(match meant.filter(|unit| *unit != canonical_unit(&target.from_text)) {
                 Some(unit) => fault.suggest(format!(
                     "they look like {unit}: state the unit, {}[{unit}]",
                     shown(&target.channel)
@@ -408,19 +408,4 @@ fn channel_series(
         }
     }
     Series::new(&target.channel, &target.kind.unit, target.kind.hold, times, values).map(Some)
-}
-
-/// The unit, other than the one that was assumed, in which nearly all values would be plausible.
-fn meant_unit(target: &Target, values: &[f64]) -> Option<&'static str> {
-    let told: Vec<f64> = values.iter().copied().filter(|value| *value != 0.0).collect();
-    target.kind.mistaken_units().iter().copied().find(|text| {
-        let Ok(unit) = Unit::parse(text) else {
-            return false;
-        };
-        let plausible = told
-            .iter()
-            .filter(|value| unit.convert(&target.to, **value).is_some_and(|v| target.kind.is_plausible(v)))
-            .count();
-        *text != canonical_unit(&target.from_text) && plausible as f64 >= 0.95 * told.len() as f64
-    })
 }

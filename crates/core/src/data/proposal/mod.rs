@@ -20,8 +20,6 @@ use utoipa::ToSchema;
 const SHOWN: usize = 5;
 /// Reasons for rejected rows that are told apart.
 const MOST_REASONS: usize = 20;
-/// The share of a column's values that a unit must explain.
-const EXPLAINED: f64 = 0.9;
 /// Rooms that are proposed next to one: the walls of a room.
 const MOST_NEIGHBOURS: usize = 4;
 
@@ -204,7 +202,11 @@ fn column_reading(header: &ColumnHeader, values: &[Option<f64>]) -> ColumnReadin
     let present = || values.iter().flatten().copied();
     let (unit, stated) = match (&header.unit, &kind) {
         (ColumnUnit::Stated(unit), _) => (unit.clone(), true),
-        (_, Some(kind)) => (unit_of(kind, channel.as_deref().unwrap_or_default(), values), false),
+        (_, Some(kind)) => {
+            let values: Vec<f64> = present().collect();
+            let found = kind.unit_that_explains(channel.as_deref().unwrap_or_default(), &values);
+            (found.unwrap_or(&kind.unit).to_owned(), false)
+        }
         (_, None) => ("-".to_owned(), false),
     };
     // A name that says heat, in a unit of temperature, is none of power.
@@ -229,22 +231,6 @@ fn column_reading(header: &ColumnHeader, values: &[Option<f64>]) -> ColumnReadin
         max: present().max_by(f64::total_cmp),
         first: values.iter().take(SHOWN).copied().collect(),
     }
-}
-
-/// The unit of a channel that explains nearly all values: its own, or one that is commonly mistaken for it.
-fn unit_of(kind: &ChannelKind, channel: &str, values: &[Option<f64>]) -> String {
-    let count = values.iter().flatten().count() as f64;
-    let explains = |unit: &&str| {
-        let Some((from, to)) = Unit::parse(unit).ok().zip(Unit::parse(&kind.unit).ok()) else { return false };
-        let usual = |value: f64| kind.usual_limit(channel).is_none_or(|limit| value.abs() <= limit);
-        let is_fine = |value: &&f64| {
-            from.convert(&to, **value).is_some_and(|value| kind.is_plausible(value) && usual(value))
-        };
-        values.iter().flatten().filter(is_fine).count() as f64 >= EXPLAINED * count
-    };
-    let own = [kind.unit.as_str()];
-    let found = own.into_iter().chain(kind.mistaken_units().iter().copied()).find(explains);
-    found.unwrap_or(&kind.unit).to_owned()
 }
 
 /// The rooms of a file with several temperatures of rooms. One that has `T_room` itself is a file of one
@@ -290,21 +276,27 @@ fn capital(text: &str) -> String {
 /// Gives columns to the rooms whose words are in their names; what a room, or all, has already is given to
 /// nothing.
 fn assign(columns: &mut [ColumnReading], rooms: &[ProposedRoom]) {
+    let labels: Vec<Vec<String>> = rooms.iter().map(|room| words::words(&room.label)).collect();
     let mut taken: Vec<(Option<String>, String)> = Vec::new();
     for column in columns.iter_mut() {
         let own = words::words(&column.column);
-        let of_room = |room: &&ProposedRoom| {
-            room.column == column.column
-                || words::words(&room.label).iter().all(|word| {
-                    // Digits must be whole: room 1 is not room 11.
-                    let is_number = word.parse::<u32>().is_ok();
-                    own.iter().any(|other| other == word || (!is_number && other.starts_with(word.as_str())))
-                })
+        let is_in = |label: &&[String]| {
+            label.iter().all(|word| {
+                // Digits must be whole: room 1 is not room 11.
+                let is_number = word.parse::<u32>().is_ok();
+                own.iter().any(|other| other == word || (!is_number && other.starts_with(word.as_str())))
+            })
         };
-        column.room = rooms.iter().find(of_room).map(|room| room.id.clone());
+        // The name that says most: what is in `bath guests` is not in `bath`.
+        let named = || {
+            let all = rooms.iter().zip(labels.iter().map(Vec::as_slice));
+            let fitting = all.filter(|(_, label)| is_in(label));
+            fitting.min_by_key(|(_, label)| std::cmp::Reverse(label.len())).map(|(room, _)| room)
+        };
+        let made = rooms.iter().find(|room| room.column == column.column);
+        column.room = made.or_else(named).map(|room| room.id.clone());
         if !rooms.is_empty() && column.channel.as_deref().is_some_and(|name| name.starts_with("T_room")) {
-            let is_its = rooms.iter().any(|room| room.column == column.column);
-            column.channel = is_its.then(|| "T_room".to_owned());
+            column.channel = made.map(|_| "T_room".to_owned());
         }
         if let Some(channel) = &column.channel {
             let place = (column.room.clone(), channel.clone());
@@ -388,6 +380,25 @@ mod tests {
             ]
         );
         assert_eq!((reading.rows, reading.asks.len()), (2, 0));
+    }
+
+    #[test]
+    fn rooms_keep_their_columns_where_one_name_is_a_part_of_another() {
+        let reading = read(
+            "time,Bad Temperatur,Bad Gäste Temperatur,Bad Gäste Ventil,Bad Ventil\n\
+            2026-01-01T00:00:00Z,21,20,0.5,0.4\n",
+        );
+        let rooms: Vec<_> =
+            channels(&reading).into_iter().map(|(_, channel, _, room)| (channel, room)).collect();
+        assert_eq!(
+            rooms,
+            [
+                (Some("T_room"), Some("bad")),
+                (Some("T_room"), Some("bad_gaeste")),
+                (Some("valve"), Some("bad_gaeste")),
+                (Some("valve"), Some("bad")),
+            ]
+        );
     }
 
     #[test]
