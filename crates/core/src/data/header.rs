@@ -12,7 +12,8 @@ use crate::units::Unit;
 
 /// More columns than any building automation export has; it bounds the work on a hostile header.
 pub(super) const MAX_COLUMNS: usize = 1_000;
-const MAX_NAME: usize = 128;
+/// The bytes of a column's name.
+pub(super) const MAX_NAME: usize = 128;
 
 /// Unit suffixes of column names, with the unit texts that they stand for; a longer one comes before its own
 /// tail.
@@ -183,6 +184,15 @@ pub(super) struct Target {
     pub assumed: bool,
 }
 
+/// Refuses more columns beside the time than a file may have.
+pub(super) fn too_many(columns: usize) -> Result<(), Fault> {
+    if columns <= MAX_COLUMNS {
+        return Ok(());
+    }
+    let detail = format!("{columns} columns, {MAX_COLUMNS} are the most");
+    Err(Fault::new("header", "too-many-columns", detail))
+}
+
 /// The channels behind all columns of a file that make sense, and every fault of the others: of columns
 /// without a name, in units that do not convert, there twice, or bound although they are not there.
 ///
@@ -194,9 +204,8 @@ pub(super) fn resolve(
     warnings: &mut Vec<String>,
 ) -> (Vec<Target>, Vec<Fault>) {
     let mut faults = Vec::new();
-    if headers.len() > MAX_COLUMNS {
-        let detail = format!("{} columns, {MAX_COLUMNS} are the most", headers.len());
-        return (Vec::new(), vec![Fault::new("header", "too-many-columns", detail)]);
+    if let Err(fault) = too_many(headers.len()) {
+        return (Vec::new(), vec![fault]);
     }
     let mut targets: IndexMap<String, Target> = IndexMap::new();
     let mut bound = vec![false; headers.len()];

@@ -13,8 +13,7 @@ use super::header::Target;
 use super::series::Series;
 use super::stamp::{BadStamp, in_utc, read_stamp};
 use super::window::{RejectedRow, Window, WindowReport};
-use crate::fault::Fault;
-use crate::fault::shown;
+use crate::fault::{Fault, shown};
 
 /// Rejected rows that a report lists one by one.
 const MAX_LISTED: usize = 100;
@@ -100,8 +99,9 @@ impl Place {
 
 /// The first of several like faults, and how many there are.
 #[derive(Default)]
-struct Tally {
-    count: usize,
+pub(super) struct Tally {
+    /// How many.
+    pub count: usize,
     line: u64,
     example: String,
 }
@@ -119,10 +119,40 @@ impl Tally {
 /// The present values of one column, as written, with the rows in which they stand, and the cells that are no
 /// numbers.
 #[derive(Default)]
-struct RawColumn {
-    rows: Vec<u32>,
-    values: Vec<f64>,
-    odd: Tally,
+pub(super) struct RawColumn {
+    /// The row of each value, increasing.
+    pub rows: Vec<u32>,
+    /// The values.
+    pub values: Vec<f64>,
+    /// Cells that are no numbers.
+    pub odd: Tally,
+}
+
+impl RawColumn {
+    /// Takes the cell of a row.
+    pub fn take(&mut self, row: usize, line: u64, cell: Cell<'_>) {
+        match cell {
+            Cell::Missing => {}
+            Cell::Number(number) if number.is_finite() => {
+                self.rows.push(row as u32);
+                self.values.push(number);
+            }
+            Cell::Number(number) => self.odd.add(line, &number.to_string()),
+            Cell::Text(text) => self.odd.add(line, text),
+        }
+    }
+}
+
+/// Whether a time may stand below the last one.
+///
+/// # Errors
+/// Why its row is left out.
+pub(super) fn order(last: Option<i64>, time: i64) -> Result<(), &'static str> {
+    match last {
+        Some(last) if last == time => Err("the time is the same as that of the row before"),
+        Some(last) if last > time => Err("the time goes backwards"),
+        _ => Ok(()),
+    }
 }
 
 /// Whether so many cells of a column are a slip, and not another way of writing: one alone always is, also
@@ -186,26 +216,12 @@ impl Table {
                 return self.note(line, bad.reason().to_owned());
             }
         };
-        match self.times.last() {
-            Some(last) if *last == time => {
-                return self.note(line, "the time is the same as that of the row before".to_owned());
-            }
-            Some(last) if *last > time => {
-                return self.note(line, "the time goes backwards".to_owned());
-            }
-            _ => {}
+        if let Err(reason) = order(self.times.last().copied(), time) {
+            return self.note(line, reason.to_owned());
         }
-        let row = self.times.len() as u32;
+        let row = self.times.len();
         for (column, cell) in self.columns.iter_mut().zip(cells) {
-            match cell {
-                Cell::Missing => {}
-                Cell::Number(number) if number.is_finite() => {
-                    column.rows.push(row);
-                    column.values.push(number);
-                }
-                Cell::Number(number) => column.odd.add(line, &number.to_string()),
-                Cell::Text(text) => column.odd.add(line, text),
-            }
+            column.take(row, line, cell);
         }
         self.times.push(time);
         self.lines.push(line);
