@@ -170,6 +170,12 @@ pub fn is_compass(name: &str) -> bool {
     matches!(name, "sun_azimuth" | "wind_direction")
 }
 
+/// Whether a unit is one of temperature.
+pub(super) fn is_temperature(unit: &str) -> bool {
+    let kelvin = Unit::parse("K").ok();
+    Unit::parse(unit).ok().zip(kelvin).is_some_and(|(unit, kelvin)| unit.same_dimension(&kelvin))
+}
+
 /// One text for units with several spellings.
 pub(super) fn canonical_unit(text: &str) -> &str {
     match text {
