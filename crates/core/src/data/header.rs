@@ -97,7 +97,7 @@ impl ColumnHeader {
     /// unit of a column that does not (`T_aussen[degC]`). A column in another unit is another one.
     pub fn is_named(&self, column: &str) -> bool {
         let is = |name: &str| self.column == name || marked(&self.column).0 == name || self.channel == name;
-        let is_silent = self.unit == ColumnUnit::Unstated;
+        let is_silent = !matches!(self.unit, ColumnUnit::Stated(_));
         is(column)
             || stated(column).is_some_and(|said| is(&said.channel) && (is_silent || self.unit == said.unit))
     }
@@ -215,7 +215,7 @@ pub(super) fn resolve(
             Some(index) => {
                 bound[index] = true;
                 let header = match (&headers[index].unit, stated(column)) {
-                    (ColumnUnit::Unstated, Some(said)) => {
+                    (ColumnUnit::Unstated | ColumnUnit::Raw, Some(said)) => {
                         ColumnHeader { unit: said.unit, ..headers[index].clone() }
                     }
                     _ => headers[index].clone(),
@@ -445,6 +445,8 @@ mod tests {
         ] {
             assert_eq!(codes(channels(&[header], &[bind]))[0], "unknown-column", "{bind}");
         }
+        let said = channels(&["heat_raw"], &["P_heater=heat_raw[W]"]).unwrap();
+        assert_eq!((said[0].from_text.as_str(), said[0].kind.is_plausible(1e9)), ("W", false));
         let found = channels(&["T_out_degC", "Leistung (W)"], &["T_out=T_out[degC]", "P_heater=Leistung"]);
         assert_eq!(found.unwrap().len(), 2);
     }
