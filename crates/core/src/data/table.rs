@@ -99,9 +99,8 @@ impl Place {
 
 /// The first of several like faults, and how many there are.
 #[derive(Default)]
-pub(super) struct Tally {
-    /// How many.
-    pub count: usize,
+struct Tally {
+    count: usize,
     line: u64,
     example: String,
 }
@@ -124,11 +123,15 @@ pub(super) struct RawColumn {
     pub rows: Vec<u32>,
     /// The values.
     pub values: Vec<f64>,
-    /// Cells that are no numbers.
-    pub odd: Tally,
+    odd: Tally,
 }
 
 impl RawColumn {
+    /// How many cells are no numbers.
+    pub fn odd(&self) -> usize {
+        self.odd.count
+    }
+
     /// Takes the cell of a row.
     pub fn take(&mut self, row: usize, line: u64, cell: Cell<'_>) {
         match cell {

@@ -196,7 +196,7 @@ impl DateReader {
                     let parsed = strtime::parse(pattern, text).ok()?;
                     let whole = parsed.to_datetime();
                     let time = whole.or_else(|_| parsed.to_date().map(|date| date.at(0, 0, 0, 0))).ok()?;
-                    // `%Y` takes one digit and more, so that it reads `26` as well, and another pattern `2026`.
+                    // `%Y` takes one digit and more: `26` is read as a year by it, and as 2026 by another.
                     YEARS.contains(&time.year()).then_some(time)
                 };
                 let known = by(&self.patterns[self.latest]);

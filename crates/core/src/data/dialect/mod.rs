@@ -9,7 +9,8 @@
 //! ```
 //!
 //! Nothing is guessed that the file leaves open: days and months that could change places are a fault, as are
-//! commas that could stand before decimals or thousands, and local times without a zone stay as they are, which the parser refuses.
+//! commas that could stand before decimals or thousands, and local times without a zone stay as they are,
+//! which the parser refuses.
 
 mod dates;
 mod layout;
@@ -93,8 +94,8 @@ pub struct Recognised<'a> {
 /// Recognises how a file is written, and writes it anew where the parser would not read it as it is.
 ///
 /// # Errors
-/// Where the zone is unknown, there are too many columns, days and months of the dates could change places, or
-/// commas could stand before decimals and thousands.
+/// Where the zone is unknown, there are too many columns, days and months of the dates could change places,
+/// or commas could stand before decimals and thousands.
 pub fn recognise<'a>(body: &'a [u8], asked: &DialectAsked) -> Result<Recognised<'a>, Vec<Fault>> {
     let (text, encoding) = text::decode(body);
     let zone = asked

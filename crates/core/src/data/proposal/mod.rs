@@ -226,7 +226,7 @@ fn column_reading(header: &ColumnHeader, raw: &RawColumn, rows: usize) -> Column
         stated,
         room: None,
         samples: raw.values.len(),
-        odd: raw.odd.count,
+        odd: raw.odd(),
         complete: raw.values.len() as f64 / rows.max(1) as f64,
         min: raw.values.iter().copied().min_by(f64::total_cmp),
         max: raw.values.iter().copied().max_by(f64::total_cmp),
