@@ -47,6 +47,7 @@ const TIMES: [&str; 24] = [
     "ora",
     "tid",
 ];
+
 /// Which columns say when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TimeColumns {
@@ -226,14 +227,17 @@ fn separator(lines: &[Line<'_>]) -> Option<(u8, usize)> {
     best.map(|(_, mark, header)| (mark, header))
 }
 
-/// The header among lines that have the width of one: no stamp stands in it, and one in the line below it, or
-/// below its line of units. Lines above it, such as `sep=;` and `Serial;123`, may have its width. Where the
-/// first stamps cannot be read, the name of a column says that it is the header.
+/// The header among lines that have the width of one: no date stands in it, and a time in the line below it,
+/// or below its line of units. Lines above it, such as `sep=;` and `Serial;123`, may have its width. Where
+/// the first stamps cannot be read, the name of a column says that it is the header.
 fn header(lines: &[Line<'_>], candidates: &[usize], mark: u8) -> Option<usize> {
     let row = |at: usize| lines.get(at).map(|line| cells(line.text, mark)).unwrap_or_default();
     let stamped = |row: &StringRecord| row.iter().take(MAX_COLUMNS).any(is_stamp);
+    // A number that could be a time may be the name of a sensor.
+    let is_date = |cell: &str| is_stamp(cell) && !cell.trim().bytes().all(|byte| byte.is_ascii_digit());
+    let dated = |row: &StringRecord| row.iter().take(MAX_COLUMNS).any(is_date);
     let silent: Vec<(usize, StringRecord)> =
-        candidates.iter().map(|at| (*at, row(*at))).filter(|(_, head)| !stamped(head)).collect();
+        candidates.iter().map(|at| (*at, row(*at))).filter(|(_, head)| !dated(head)).collect();
     let directly = |(at, head): &&(usize, StringRecord)| {
         let below = row(at + 1);
         stamped(&below) || units(&below, head).is_some() && stamped(&row(at + 2))

@@ -113,6 +113,13 @@ fn lines_above_the_header_may_have_its_width() {
 }
 
 #[test]
+fn sensors_may_be_called_by_numbers() {
+    let text = "Zeit;2812345678;20260131\n31.1.2026 12:00;21,5;1\n31.1.2026 12:10;20,5;1\n";
+    let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!((dialect.header, samples(&window, "2812345678").len()), (1, 2));
+}
+
+#[test]
 fn commas_in_times_separate_no_cells() {
     let text = "Zeit;T_room\n31.1.2026, 12:00:00;21,5\n31.1.2026, 12:10:00;20,5\n";
     let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
