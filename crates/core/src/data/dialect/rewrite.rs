@@ -9,6 +9,7 @@ use std::borrow::Cow;
 
 /// What stands where a line of the file is none of the table.
 const NOTHING: &str = "#";
+const LINE_ENDS: [char; 2] = ['\r', '\n'];
 
 /// The text of a table; every row stands on the line on which it ended.
 pub(super) fn rewritten(
@@ -46,11 +47,16 @@ pub(super) fn rewritten(
         let cells = columns.iter().map(|column| {
             if *column == time { Cow::Borrowed(stamp.as_str()) } else { with_point(&row[*column], decimal) }
         });
-        let cells: Vec<Cow<'_, str>> = cells.collect();
+        let cells: Vec<Cow<'_, str>> = cells.map(on_one_line).collect();
         lines.write(line, cells.iter().map(AsRef::as_ref));
     }
     let written = lines.writer.into_inner().unwrap_or_default();
     String::from_utf8(written).unwrap_or_default()
+}
+
+/// A remark of several lines would move all that follows.
+fn on_one_line(cell: Cow<'_, str>) -> Cow<'_, str> {
+    if cell.contains(LINE_ENDS) { Cow::Owned(cell.replace(LINE_ENDS, " ")) } else { cell }
 }
 
 /// Lines on their way into a text.
@@ -67,8 +73,7 @@ impl Lines {
             self.writer.write_record([NOTHING]).unwrap_or_default();
             self.line += 1;
         }
-        // A remark of several lines would move all that follows.
-        self.writer.write_record(cells.map(|cell| cell.replace(['\r', '\n'], " "))).unwrap_or_default();
+        self.writer.write_record(cells).unwrap_or_default();
         self.line += 1;
     }
 }
