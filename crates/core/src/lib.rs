@@ -14,7 +14,7 @@
 //! | [`diagnose`] | a problem and its fit | a [`diagnose::Diagnosis`]: what the model is missing |
 //! | [`twin`] | a seed | a synthetic room with a known truth |
 //!
-//! [`units`], [`fault`], [`schema`] and [`interrupt`] are leaves that every stage may use.
+//! [`units`], [`fault`], [`schema`], [`interrupt`] and [`pace`] are leaves that every stage may use.
 //!
 //! # The invariants
 //! 1. A [`data::Window`] exists only through parsing, a [`model::Model`] only through compiling.
@@ -52,6 +52,7 @@
 
 pub mod fault;
 pub mod interrupt;
+pub mod pace;
 pub mod schema;
 pub mod units;
 

@@ -18,6 +18,7 @@ const CORE: &[(&str, &[&str])] = &[
     ("twin", &["model", "data", "simulate"]),
     ("fault", &[]),
     ("interrupt", &[]),
+    ("pace", &[]),
     ("schema", &[]),
     ("units", &[]),
 ];
@@ -28,7 +29,7 @@ const SERVICE: &[(&str, &[&str])] = &[
     ("http", &["model", "data", "estimate", "diagnose", "store", "service", "settings"]),
     ("settings", &["store"]),
 ];
-const LEAVES: [&str; 4] = ["fault", "interrupt", "schema", "units"];
+const LEAVES: [&str; 5] = ["fault", "interrupt", "pace", "schema", "units"];
 const IN_CORE: &str = "crates/core/src";
 const IN_SERVICE: &str = "crates/lampyris/src";
 const IN_STORE: &str = "crates/lampyris/src/store";

@@ -4,8 +4,7 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::fault::Fault;
-use crate::fault::shown;
+use crate::fault::{Fault, shown};
 
 /// Which column feeds which channel, where the names alone do not say it.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]

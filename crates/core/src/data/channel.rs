@@ -3,6 +3,7 @@
 //! A channel is what a model asks for (`T_room`); a column is what a file has (`T_indoor_degC`). This file
 //! knows channels, `header` leads from columns to them.
 
+use crate::units::Unit;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -61,6 +62,8 @@ pub(super) const KNOWN: [&str; 19] = [
 /// Nothing that is measured in rooms and plants is larger in any unit. The squares of what is would leave the
 /// numbers, and with them whatever is computed from it.
 const LARGEST: f64 = 1e15;
+/// The share of a column's values that a unit must explain.
+const EXPLAINED: f64 = 0.9;
 
 impl ChannelKind {
     /// The kind of a channel whose name is known, alone or by a pattern such as `T_room_<n>` and `P_<name>`.
@@ -130,7 +133,25 @@ impl ChannelKind {
         }
     }
 
-    /// The units that are commonly mistaken for this channel's.
+    /// The first of the channel's own unit and those that are mistaken for it in which nearly all values are
+    /// usual, or else plausible. Zeros tell nothing: a heater that is off is so in watts and in kilowatts.
+    pub(super) fn unit_that_explains(&self, name: &str, values: &[f64]) -> Option<&'static str> {
+        let own = Unit::parse(&self.unit).ok()?;
+        let told: Vec<f64> = values.iter().copied().filter(|value| *value != 0.0).collect();
+        let explains = |text: &str, limit: Option<f64>| {
+            let Ok(unit) = Unit::parse(text) else { return false };
+            let is_fine = |value: &&f64| {
+                unit.convert(&own, **value).is_some_and(|value| {
+                    self.is_plausible(value) && limit.is_none_or(|limit| value.abs() <= limit)
+                })
+            };
+            told.iter().filter(is_fine).count() as f64 >= EXPLAINED * told.len() as f64
+        };
+        let first = |limit| self.mistaken_units().iter().copied().find(|unit| explains(unit, limit));
+        first(self.usual_limit(name)).or_else(|| first(None))
+    }
+
+    /// The channel's unit, and those that are commonly mistaken for it.
     pub(super) fn mistaken_units(&self) -> &'static [&'static str] {
         match self.unit.as_str() {
             "degC" => &["degC", "degF", "K"],
@@ -147,6 +168,12 @@ impl ChannelKind {
 /// Whether a channel is an angle of the compass, on which 359 and 1 are two degrees apart.
 pub fn is_compass(name: &str) -> bool {
     matches!(name, "sun_azimuth" | "wind_direction")
+}
+
+/// Whether a unit is one of temperature.
+pub(super) fn is_temperature(unit: &str) -> bool {
+    let kelvin = Unit::parse("K").ok();
+    Unit::parse(unit).ok().zip(kelvin).is_some_and(|(unit, kelvin)| unit.same_dimension(&kelvin))
 }
 
 /// One text for units with several spellings.
@@ -205,6 +232,16 @@ mod tests {
                 assert!(unit.same_dimension(&Unit::parse(&kind.unit).unwrap()), "{name}");
             }
         }
+    }
+
+    #[test]
+    fn zeros_tell_no_unit() {
+        let kind = ChannelKind::of_name("P_heater").unwrap();
+        let mostly_off: Vec<f64> = (0..100).map(|hour| if hour < 95 { 0.0 } else { 1200.0 }).collect();
+        assert_eq!(kind.unit_that_explains("P_heater", &mostly_off), Some("W"));
+        assert_eq!(kind.unit_that_explains("P_heater", &[50_000.0]), Some("W"), "unusual, but plausible");
+        assert_eq!(kind.unit_that_explains("P_heater", &[0.0, 2.5]), Some("kW"));
+        assert_eq!(kind.unit_that_explains("P_heater", &[1e9]), None);
     }
 
     #[test]

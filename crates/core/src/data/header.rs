@@ -12,7 +12,8 @@ use crate::units::Unit;
 
 /// More columns than any building automation export has; it bounds the work on a hostile header.
 pub(super) const MAX_COLUMNS: usize = 1_000;
-const MAX_NAME: usize = 128;
+/// The bytes of a column's name.
+pub(super) const MAX_NAME: usize = 128;
 
 /// Unit suffixes of column names, with the unit texts that they stand for; a longer one comes before its own
 /// tail.
@@ -93,10 +94,12 @@ impl ColumnHeader {
     }
 
     /// Whether a binding to this name means this column: a role is no part of it, and a binding may state the
-    /// unit of a column that does not (`T_aussen[degC]`).
+    /// unit of a column that does not (`T_aussen[degC]`). A column in another unit is another one.
     pub fn is_named(&self, column: &str) -> bool {
         let is = |name: &str| self.column == name || marked(&self.column).0 == name || self.channel == name;
-        is(column) || stated(column).is_some_and(|said| is(&said.channel))
+        let is_silent = !matches!(self.unit, ColumnUnit::Stated(_));
+        is(column)
+            || stated(column).is_some_and(|said| is(&said.channel) && (is_silent || self.unit == said.unit))
     }
 
     /// A header whose unit is stated elsewhere (in the `channels` of a JSON window), so that the name stands
@@ -112,10 +115,10 @@ impl ColumnHeader {
     }
 }
 
-/// A bound column that states a unit beside its name.
+/// A bound column that states a unit beside its name, in brackets: the end of `P_heater_W` is a part of the
+/// name of the column that is meant.
 fn stated(column: &str) -> Option<ColumnHeader> {
-    let said = ColumnHeader::parse(column);
-    (said.channel != column && matches!(said.unit, ColumnUnit::Stated(_))).then_some(said)
+    marked(column).0.ends_with(']').then(|| ColumnHeader::parse(column))
 }
 
 /// What spreadsheets take for the beginning of a formula.
@@ -140,12 +143,19 @@ fn unshielded(header: &str) -> &str {
         .unwrap_or(header)
 }
 
-/// `Temperatur (°C)`: as other programs state units.
+/// The unit that a text of another program states. A number states none: `1` counts sensors, or is a value.
+pub(super) fn unit_text(text: &str) -> Option<&str> {
+    let text = text.trim();
+    let unit = canonical_unit(text);
+    (text.parse::<f64>().is_err() && Unit::parse(unit).is_ok()).then_some(unit)
+}
+
+/// `Temperatur (°C)`: as other programs state units. `Zone (A)` and `Zone (F)` are zones.
 fn split_parentheses(column: &str) -> Option<(&str, &str)> {
-    let (name, unit) = column.strip_suffix(')')?.rsplit_once('(')?;
-    let unit = canonical_unit(unit.trim());
-    let is_unit = !name.trim().is_empty() && unit.parse::<f64>().is_err() && Unit::parse(unit).is_ok();
-    is_unit.then_some((name.trim(), unit))
+    let (name, text) = column.strip_suffix(')')?.rsplit_once('(')?;
+    let (name, text) = (name.trim(), text.trim());
+    let is_label = text.len() == 1 && text.starts_with(char::is_alphabetic) && !["W", "K"].contains(&text);
+    Some((name, unit_text(text)?)).filter(|_| !name.is_empty() && !is_label)
 }
 
 fn split_suffix(column: &str) -> Option<(&str, &str)> {
@@ -174,6 +184,15 @@ pub(super) struct Target {
     pub assumed: bool,
 }
 
+/// Refuses more columns beside the time than a file may have.
+pub(super) fn too_many(columns: usize) -> Result<(), Fault> {
+    if columns <= MAX_COLUMNS {
+        return Ok(());
+    }
+    let detail = format!("{columns} columns, {MAX_COLUMNS} are the most");
+    Err(Fault::new("header", "too-many-columns", detail))
+}
+
 /// The channels behind all columns of a file that make sense, and every fault of the others: of columns
 /// without a name, in units that do not convert, there twice, or bound although they are not there.
 ///
@@ -185,9 +204,8 @@ pub(super) fn resolve(
     warnings: &mut Vec<String>,
 ) -> (Vec<Target>, Vec<Fault>) {
     let mut faults = Vec::new();
-    if headers.len() > MAX_COLUMNS {
-        let detail = format!("{} columns, {MAX_COLUMNS} are the most", headers.len());
-        return (Vec::new(), vec![Fault::new("header", "too-many-columns", detail)]);
+    if let Err(fault) = too_many(headers.len()) {
+        return (Vec::new(), vec![fault]);
     }
     let mut targets: IndexMap<String, Target> = IndexMap::new();
     let mut bound = vec![false; headers.len()];
@@ -197,7 +215,7 @@ pub(super) fn resolve(
             Some(index) => {
                 bound[index] = true;
                 let header = match (&headers[index].unit, stated(column)) {
-                    (ColumnUnit::Unstated, Some(said)) => {
+                    (ColumnUnit::Unstated | ColumnUnit::Raw, Some(said)) => {
                         ColumnHeader { unit: said.unit, ..headers[index].clone() }
                     }
                     _ => headers[index].clone(),
@@ -380,6 +398,11 @@ mod tests {
         assert_eq!(parts("T_out_W[degC]"), stated("T_out_W", "degC"));
         assert_eq!(parts("Temperatur (°C)"), stated("Temperatur", "degC"));
         assert_eq!(parts("Temperatur (innen)"), ("Temperatur (innen)".to_owned(), ColumnUnit::Unstated));
+        for label in ["Temperatur (1)", "Zone (A)", "Zone (F)", "Zone (0.5)"] {
+            assert_eq!(parts(label), (label.to_owned(), ColumnUnit::Unstated));
+        }
+        assert_eq!(parts("Leistung (W)"), stated("Leistung", "W"));
+        assert_eq!(parts("Ventil (%)"), stated("Ventil", "pct"));
         assert_eq!(parts("heat_input_raw"), ("heat_input_raw".to_owned(), ColumnUnit::Raw));
         assert_eq!(parts("S_S"), ("S_S".to_owned(), ColumnUnit::Unstated));
         assert_eq!(parts("_W"), ("_W".to_owned(), ColumnUnit::Unstated));
@@ -411,6 +434,21 @@ mod tests {
         let raw = channels(&["heat_input_raw"], &["P_heater=heat_input_raw"]).unwrap();
         assert!(raw[0].kind.is_plausible(1e9));
         assert_eq!(raw[0].kind.unit, "kW");
+    }
+
+    #[test]
+    fn a_binding_means_no_column_in_another_unit() {
+        for (header, bind) in [
+            ("P_heater", "P_heater=P_heater_W"),
+            ("Leistung (kW)", "P_heater=Leistung[W]"),
+            ("T_out[degF]", "T_out=T_out[degC]"),
+        ] {
+            assert_eq!(codes(channels(&[header], &[bind]))[0], "unknown-column", "{bind}");
+        }
+        let said = channels(&["heat_raw"], &["P_heater=heat_raw[W]"]).unwrap();
+        assert_eq!((said[0].from_text.as_str(), said[0].kind.is_plausible(1e9)), ("W", false));
+        let found = channels(&["T_out_degC", "Leistung (W)"], &["T_out=T_out[degC]", "P_heater=Leistung"]);
+        assert_eq!(found.unwrap().len(), 2);
     }
 
     #[test]

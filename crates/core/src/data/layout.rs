@@ -17,14 +17,13 @@ use super::seconds::Seconds;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::channel::ChannelKind;
+use super::channel::{ChannelKind, is_temperature};
 use super::grid::Grid;
 use super::resample::{DEFAULT_MAX_GAP_STEPS, interpolated};
 use super::series::{Series, median_of};
 use super::stamp::rfc3339;
 use super::window::Window;
 use crate::fault::Fault;
-use crate::units::Unit;
 
 /// Sensors that correlate at least so much are proposed as one room.
 pub const SAME_ROOM: f64 = 0.96;
@@ -221,12 +220,7 @@ fn unsuitable(series: &Series) -> Option<String> {
     let name = series.channel();
     // A column of an unknown name without a unit is taken for what its sender says that it is.
     let nameless = series.unit() == "-" && ChannelKind::of_name(name).is_none();
-    let kelvin = Unit::parse("K").ok();
-    let is_temperature = Unit::parse(series.unit())
-        .ok()
-        .zip(kelvin)
-        .is_some_and(|(unit, kelvin)| unit.same_dimension(&kelvin));
-    if !is_temperature && !nameless {
+    if !is_temperature(series.unit()) && !nameless {
         return Some(format!("it is in {}, no temperature", series.unit()));
     }
     let lower = name.to_ascii_lowercase();

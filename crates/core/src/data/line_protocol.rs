@@ -10,8 +10,7 @@
 use super::duration::{HOUR, MINUTE, SECOND};
 use std::borrow::Cow;
 
-use crate::fault::Fault;
-use crate::fault::shown;
+use crate::fault::{Fault, shown};
 
 /// One line: fields that were measured at a time, with tags that say where.
 #[derive(Debug, Clone, PartialEq)]

@@ -15,6 +15,7 @@
 //! | `stamp` | RFC 3339 time stamps |
 //! | `proposal` | what the columns of a file are probably, for somebody to confirm |
 //! | `role`, `parts` | columns that are no measurements, but forecasts, and both in one body |
+//! | `csv_text` | a CSV apart: separator, header, rows with their lines |
 //! | `parse` | the CSV and the JSON form of a window |
 //! | `dialect` | how other programs write files, and those files in the form that `parse` reads |
 //! | `json_cell` | what a JSON window may have in its lists |
@@ -52,6 +53,7 @@ mod block;
 mod calendar;
 mod channel;
 mod computed;
+mod csv_text;
 mod dialect;
 mod drops;
 mod duration;
@@ -86,6 +88,7 @@ pub use block::CorruptBlock;
 pub use calendar::{add_calendar, hour_of_day, local_zone};
 pub use channel::{ChannelKind, Hold, is_compass};
 pub use computed::{CALENDAR, COMPUTED, ComputedChannel, DROPS, SUN, is_computed};
+pub use csv_text::csv_headers;
 pub use dialect::{CsvDialect, DateForm, DecimalMark, DialectAsked, Recognised, recognise};
 pub use drops::add_drops;
 pub use duration::{BadDuration, DAY, Duration, HOUR, Length, MINUTE, SECOND};

@@ -6,31 +6,24 @@ use std::marker::PhantomData;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 
 use super::bindings::ColumnBindings;
+use super::csv_text::{CsvText, other_width};
 use super::header::{ColumnHeader, MAX_COLUMNS, resolve};
 use super::json_cell::JsonCell;
 use super::parts::{ColumnPart, ReadPart, WindowParts};
 use super::role::ColumnRole;
 use super::table::{Cell, Place, Stamp, Table, is_no_value};
 use super::window::{Window, WindowReport};
-use crate::fault::Fault;
-use crate::fault::shown;
+use crate::fault::{Fault, shown};
 use crate::schema::Instant;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, Object, ObjectBuilder, SchemaType, Type};
 
-/// The names that the column of times may have, in any case.
-const TIME_NAMES: [&str; 2] = ["time", "timestamp"];
-
 /// The code of a body that is no JSON, or JSON of another form.
-pub(super) const UNREADABLE: &str = "unreadable";
+const UNREADABLE: &str = "unreadable";
 /// Eight years of one-minute data in one body.
 const MAX_ROWS: usize = 1 << 22;
 /// Cells of a JSON column whose text is kept for the report when it is no number.
 const MAX_ODD: usize = 100;
-
-fn is_time(column: &str) -> bool {
-    TIME_NAMES.iter().any(|name| column.eq_ignore_ascii_case(name))
-}
 
 impl Window {
     /// Reads a window from CSV: a header `time,T_room[degC],…`, then one row per time.
@@ -117,27 +110,9 @@ fn only_measured(read: ReadPart) -> Result<(Window, WindowReport), Vec<Fault>> {
     read?.ok_or_else(|| vec![Fault::new("header", "no-data-column", "all columns are forecasts")])
 }
 
-/// Reads `time,T_room,…`: a header, then one row per time. Lines that start with `#` are comments.
-///
-/// Commas separate; a header without any comma may use semicolons or tabs.
+/// Reads a part of `time,T_room,…`.
 fn csv(text: &str, bindings: &ColumnBindings, part: ColumnPart) -> ReadPart {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let header_line =
-        text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
-    let delimiter =
-        [b',', b';', b'\t'].into_iter().find(|mark| header_line.as_bytes().contains(mark)).unwrap_or(b',');
-    let mut reader = csv::ReaderBuilder::new()
-        .delimiter(delimiter)
-        .flexible(true)
-        .comment(Some(b'#'))
-        .from_reader(text.as_bytes());
-    let unreadable = |error: csv::Error| {
-        vec![Fault::new("csv", UNREADABLE, format!("the text cannot be read as CSV: {error}"))]
-    };
-    let header = reader.headers().map_err(unreadable)?.clone();
-
-    let headers: Vec<ColumnHeader> = header.iter().map(ColumnHeader::parse).collect();
-    let times: Vec<usize> = (0..headers.len()).filter(|index| is_time(&headers[*index].column)).collect();
+    let CsvText { headers, times, mut rows, .. } = CsvText::of(text).map_err(|fault| vec![fault])?;
     let mut faults = Vec::new();
     match times.len() {
         1 => {}
@@ -171,46 +146,19 @@ fn csv(text: &str, bindings: &ColumnBindings, part: ColumnPart) -> ReadPart {
     };
     let names = data_headers.into_iter().map(|header| header.column).collect();
     let mut table = Table::new(names, targets, Place::Text, warnings);
-    let mut record = csv::StringRecord::new();
-    let mut lines = LineCount::default();
-    loop {
-        match reader.read_record(&mut record) {
-            Ok(false) => break,
-            Ok(true) => {
-                let line = lines.at(text, reader.position().byte() as usize);
-                if record.len() == headers.len() {
-                    let cell = |index: &usize| Cell::of_text(record.get(*index).unwrap_or_default());
-                    if !others.is_empty() && data.iter().all(|index| cell(index).is_missing()) {
-                        continue;
-                    }
-                    let stamp = Stamp::Text(record.get(time).unwrap_or_default());
-                    table.push(line, stamp, data.iter().map(cell));
-                } else {
-                    table.reject(line, format!("not the {} cells of the header", headers.len()));
-                }
-            }
-            Err(error) => return Err(unreadable(error)),
+    while let Some((line, record)) = rows.read() {
+        if record.len() != headers.len() {
+            table.reject(line, other_width(headers.len()));
+            continue;
         }
+        let cell = |index: &usize| Cell::of_text(record.get(*index).unwrap_or_default());
+        if !others.is_empty() && data.iter().all(|index| cell(index).is_missing()) {
+            continue;
+        }
+        let stamp = Stamp::Text(record.get(time).unwrap_or_default());
+        table.push(line, stamp, data.iter().map(cell));
     }
     table.finish(faults).map(Some).map_err(limited)
-}
-
-/// Counts lines: the reader of CSV says where it began to look for a record, which may be on lines above that
-/// it passes over.
-#[derive(Default)]
-struct LineCount {
-    line: u64,
-    counted: usize,
-}
-
-impl LineCount {
-    /// The line of what ends here.
-    fn at(&mut self, text: &str, end: usize) -> u64 {
-        let end = text.as_bytes()[..end].trim_ascii_end().len().max(self.counted);
-        self.line += text.as_bytes()[self.counted..end].iter().filter(|byte| **byte == b'\n').count() as u64;
-        self.counted = end;
-        self.line + 1
-    }
 }
 
 /// Reads `{"channels":{"T_room":{"unit":"degC"}},"time":[…],"values":{"T_room":[21.1,null]}}`.

@@ -5,8 +5,7 @@ use super::seconds::Seconds;
 use serde::{Deserialize, Serialize};
 
 use super::channel::{ChannelKind, Hold, canonical_unit};
-use crate::fault::Fault;
-use crate::fault::shown;
+use crate::fault::{Fault, shown};
 use crate::units::Unit;
 use utoipa::ToSchema;
 

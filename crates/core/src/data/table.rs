@@ -13,9 +13,7 @@ use super::header::Target;
 use super::series::Series;
 use super::stamp::{BadStamp, in_utc, read_stamp};
 use super::window::{RejectedRow, Window, WindowReport};
-use crate::fault::Fault;
-use crate::fault::shown;
-use crate::units::Unit;
+use crate::fault::{Fault, shown};
 
 /// Rejected rows that a report lists one by one.
 const MAX_LISTED: usize = 100;
@@ -120,10 +118,44 @@ impl Tally {
 /// The present values of one column, as written, with the rows in which they stand, and the cells that are no
 /// numbers.
 #[derive(Default)]
-struct RawColumn {
-    rows: Vec<u32>,
-    values: Vec<f64>,
+pub(super) struct RawColumn {
+    /// The row of each value, increasing.
+    pub rows: Vec<u32>,
+    /// The values.
+    pub values: Vec<f64>,
     odd: Tally,
+}
+
+impl RawColumn {
+    /// How many cells are no numbers.
+    pub fn odd(&self) -> usize {
+        self.odd.count
+    }
+
+    /// Takes the cell of a row.
+    pub fn take(&mut self, row: usize, line: u64, cell: Cell<'_>) {
+        match cell {
+            Cell::Missing => {}
+            Cell::Number(number) if number.is_finite() => {
+                self.rows.push(row as u32);
+                self.values.push(number);
+            }
+            Cell::Number(number) => self.odd.add(line, &number.to_string()),
+            Cell::Text(text) => self.odd.add(line, text),
+        }
+    }
+}
+
+/// Whether a time may stand below the last one.
+///
+/// # Errors
+/// Why its row is left out.
+pub(super) fn order(last: Option<i64>, time: i64) -> Result<(), &'static str> {
+    match last {
+        Some(last) if last == time => Err("the time is the same as that of the row before"),
+        Some(last) if last > time => Err("the time goes backwards"),
+        _ => Ok(()),
+    }
 }
 
 /// Whether so many cells of a column are a slip, and not another way of writing: one alone always is, also
@@ -187,26 +219,12 @@ impl Table {
                 return self.note(line, bad.reason().to_owned());
             }
         };
-        match self.times.last() {
-            Some(last) if *last == time => {
-                return self.note(line, "the time is the same as that of the row before".to_owned());
-            }
-            Some(last) if *last > time => {
-                return self.note(line, "the time goes backwards".to_owned());
-            }
-            _ => {}
+        if let Err(reason) = order(self.times.last().copied(), time) {
+            return self.note(line, reason.to_owned());
         }
-        let row = self.times.len() as u32;
+        let row = self.times.len();
         for (column, cell) in self.columns.iter_mut().zip(cells) {
-            match cell {
-                Cell::Missing => {}
-                Cell::Number(number) if number.is_finite() => {
-                    column.rows.push(row);
-                    column.values.push(number);
-                }
-                Cell::Number(number) => column.odd.add(line, &number.to_string()),
-                Cell::Text(text) => column.odd.add(line, text),
-            }
+            column.take(row, line, cell);
         }
         self.times.push(time);
         self.lines.push(line);
@@ -377,7 +395,8 @@ fn channel_series(
                 outside.line
             );
             let fault = Fault::new(place.column(name), "implausible-values", detail);
-            return Err(match meant_unit(target, &column.values) {
+            let meant = target.kind.unit_that_explains(&target.channel, &column.values);
+            return Err(match meant.filter(|unit| *unit != canonical_unit(&target.from_text)) {
                 Some(unit) => fault.suggest(format!(
                     "they look like {unit}: state the unit, {}[{unit}]",
                     shown(&target.channel)
@@ -408,19 +427,4 @@ fn channel_series(
         }
     }
     Series::new(&target.channel, &target.kind.unit, target.kind.hold, times, values).map(Some)
-}
-
-/// The unit, other than the one that was assumed, in which nearly all values would be plausible.
-fn meant_unit(target: &Target, values: &[f64]) -> Option<&'static str> {
-    let told: Vec<f64> = values.iter().copied().filter(|value| *value != 0.0).collect();
-    target.kind.mistaken_units().iter().copied().find(|text| {
-        let Ok(unit) = Unit::parse(text) else {
-            return false;
-        };
-        let plausible = told
-            .iter()
-            .filter(|value| unit.convert(&target.to, **value).is_some_and(|v| target.kind.is_plausible(v)))
-            .count();
-        *text != canonical_unit(&target.from_text) && plausible as f64 >= 0.95 * told.len() as f64
-    })
 }

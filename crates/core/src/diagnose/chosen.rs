@@ -133,7 +133,7 @@ pub(super) fn search_from_nominal(
                 spent += more;
             }
             evaluations.fetch_add(spent, Ordering::Relaxed);
-            course.restarted(spent);
+            course.step(spent);
             (cost < most).then_some((place, theta))
         })
         .collect();

@@ -5,7 +5,8 @@
 
 use super::acceptance::LEAST_BIC;
 use crate::estimate::problem::predictor::Predictor;
-use crate::estimate::{Control, Plan, Progress, Trials, WorkStage};
+use crate::estimate::{Control, Progress, Trials};
+use crate::pace::{Plan, WorkStage};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Free-run error over the noise floor above which the first round probably finds something.
@@ -171,25 +172,17 @@ impl<'a> Course<'a> {
     fn enter(&self, stage: WorkStage, units: usize, open: usize, refits: usize) {
         self.tell(|state| {
             state.trials.tried = state.trials.of.saturating_sub(open);
+            // The stage before is over with what was expected of it, and not of what begins.
+            state.trials.plan.enter(stage, units as f64);
             state.expect(refits as f64);
             if stage == WorkStage::Refit {
                 state.trials.plan.expect(WorkStage::Begin, 0.0);
             }
-            state.trials.plan.enter(stage, units as f64);
         });
     }
 
-    /// An effect has gone the first part of its way.
-    pub(super) fn begun(&self, simulations: usize) {
-        self.step(simulations);
-    }
-
-    /// A restart has come to its end.
-    pub(super) fn restarted(&self, simulations: usize) {
-        self.step(simulations);
-    }
-
-    fn step(&self, simulations: usize) {
+    /// An effect has gone the first part of its way, or a restart has come to its end.
+    pub(super) fn step(&self, simulations: usize) {
         self.tell(|state| {
             state.spent += simulations;
             state.trials.plan.step();
@@ -258,7 +251,26 @@ fn held(state: &Mutex<State>) -> MutexGuard<'_, State> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Pace;
+    use crate::pace::Pace;
+
+    #[test]
+    fn a_stage_is_over_with_what_was_expected_of_it() {
+        let course = Course::new(&Control::NONE, Predictor::Filtered, 9, 1);
+        course.round(9, 1.0, true);
+        course.beginning(3);
+        (0..3).for_each(|_| course.step(20));
+        course.going_on(3);
+        (0..3).for_each(|_| course.tried("wind", -4.0, None, 100));
+        let mut plan = held(&course.state).trials.plan.clone();
+        course.restarting(6, 2, 6);
+        // All three refits are done: the six that follow are none of theirs.
+        plan.enter(WorkStage::Restart, 2.0);
+        let judged = held(&course.state).judging(6.0);
+        for (stage, units) in [(WorkStage::Begin, 6.0), (WorkStage::Refit, 6.0), (WorkStage::Judge, judged)] {
+            plan.expect(stage, units);
+        }
+        assert_eq!(held(&course.state).trials.plan, plan);
+    }
 
     #[test]
     fn what_is_left_shrinks_with_what_is_tried_and_grows_with_a_leader() {
@@ -269,7 +281,7 @@ mod tests {
         course.settled(100);
         course.round(4, 1.0, false);
         course.beginning(3);
-        (0..3).for_each(|_| course.begun(20));
+        (0..3).for_each(|_| course.step(20));
         course.going_on(3);
         course.tried("wind", -4.0, None, 100);
         course.tried("sun", 30.0, Some(0.8), 100);

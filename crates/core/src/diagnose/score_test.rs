@@ -115,7 +115,7 @@ impl<'a> Look<'a> {
         &self,
         candidate: &CandidateEffect,
         with: &[f64],
-        shown: usize,
+        output: usize,
     ) -> Option<Vec<(usize, f64, f64)>> {
         let problem = &candidate.problem;
         if problem.model().states().len() != self.base.model().states().len() {
@@ -129,7 +129,7 @@ impl<'a> Look<'a> {
         let change = self.model.rest(&self.segments.without_starts(&self.linear, change));
         let rows = self.segments.rows().zip(change.into_iter().zip(&self.model.residual));
         let points: Vec<(usize, f64, f64)> = rows
-            .filter(|((output, _), _)| *output == shown)
+            .filter(|((of, _), _)| *of == output)
             .map(|((_, sample), (change, left))| (sample, change, *left))
             .collect();
         points.iter().all(|(_, x, y)| x.is_finite() && y.is_finite()).then_some(points)

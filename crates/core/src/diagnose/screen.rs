@@ -161,9 +161,9 @@ impl<'a> Screen<'a> {
     /// What is left of the change that a candidate makes at these parameters, and of the residual, sample by
     /// sample of the whitened series, when all that the model's own parameters can do is taken from both: the
     /// two axes of an added-variable plot (Cook and Weisberg 1982), whose slope is 1 where the candidate is
-    /// as large as that. The change is that of the grown model with and without the candidate: where an effect
-    /// saturates, it is another at the parameters of a model that had to do without it. `None` where its
-    /// simulation diverges.
+    /// as large as that. The change is that of the grown model with and without the candidate: where an
+    /// effect saturates, it is another at the parameters of a model that had to do without it. `None` where
+    /// its simulation diverges.
     pub fn added(&self, candidate: &CandidateEffect, with: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
         let mut off = with.to_vec();
         candidate.own.iter().for_each(|(index, value)| off[*index] = *value);

@@ -264,7 +264,7 @@ fn begin_all(
         Some((_, begun)) => begun.clone(),
         None => {
             let begun = begin(null, &candidates[one.place], one, &|| course.halts());
-            course.begun(begun.evaluations);
+            course.step(begun.evaluations);
             begun
         }
     };

@@ -53,6 +53,5 @@ pub use problem::request::{EstimateRequest, Site, prepare};
 pub use problem::stop::EarlyStopping;
 pub use run::estimate;
 pub use search::control::{Control, EstimateError, Progress, Trials};
-pub use search::pace::{Pace, Plan, WorkStage};
 
 pub use crate::interrupt::Interrupt;

@@ -8,7 +8,7 @@ use super::expr::{Graph, Node, NodeId};
 use super::functions::{MAX_DELAY, delays};
 use super::lower::Value;
 use super::parse::is_quantity;
-use super::spec::{Check, ParameterSpec};
+use super::spec::{Check, clear_quantities};
 use super::waivers::waiver_faults;
 use super::warm_up::warm_up;
 use super::{Initial, Input, Model, Output, Parameter, State};
@@ -228,10 +228,10 @@ fn finish(
     let channels: Vec<&str> = inputs.iter().map(|input| input.channel.as_str()).collect();
     // A quantity is a name: with or without it, the fits that are kept are fits of this model.
     let mut spec = composition.spec.clone();
-    without_quantities(&mut spec.parameters);
+    clear_quantities(&mut spec.parameters);
     let applied = composition.effects.iter().filter(|effect| builder.applied.contains(&effect.id));
     let mut effects: Vec<_> = applied.map(|effect| effect.spec.clone()).collect();
-    effects.iter_mut().for_each(|effect| without_quantities(&mut effect.parameters));
+    effects.iter_mut().for_each(|effect| clear_quantities(&mut effect.parameters));
     let identity = serde_json::json!({
         "spec": spec, "effects": effects,
         "sets": bindings.sets, "channels": channels,
@@ -258,9 +258,4 @@ fn finish(
         stepper: composition.spec.stepper,
         warm_up,
     })
-}
-
-fn without_quantities(parameters: &mut IndexMap<String, ParameterSpec>) {
-    *parameters =
-        std::mem::take(parameters).into_iter().map(|(name, spec)| (name, spec.without_quantity())).collect();
 }

@@ -418,13 +418,12 @@ pub struct CompositionSpec {
     pub effects: Vec<String>,
 }
 
-impl ParameterSpec {
-    /// Itself as documents had it before there were quantities: what is kept of a model stays as it is.
-    #[must_use]
-    pub fn without_quantity(self) -> Self {
-        Self { quantity: String::new(), ..self }
-    }
+/// Makes parameters what documents had before there were quantities: what is kept of a model stays as it is.
+pub fn clear_quantities(parameters: &mut IndexMap<String, ParameterSpec>) {
+    parameters.values_mut().for_each(|one| one.quantity.clear());
+}
 
+impl ParameterSpec {
     /// What people call it: `heat exchange, floor to room air`.
     pub fn full_title(&self) -> String {
         let words = [self.quantity.as_str(), self.title.as_str()];

@@ -11,10 +11,11 @@ use lampyris_core::diagnose::{Adequacy, Diagnosis, diagnose};
 use lampyris_core::estimate::problem::request::{AccusationRate, SeededMethod};
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, Judgement, Pace, Past, Problem, Progress, Site, Trials, estimate, prepare,
+    Control, EstimateRequest, Fit, Judgement, Past, Problem, Progress, Site, Trials, estimate, prepare,
 };
 use lampyris_core::model::Catalogue;
 use lampyris_core::optimise::Method;
+use lampyris_core::pace::Pace;
 use lampyris_core::units::error_unit;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;

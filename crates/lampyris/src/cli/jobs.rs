@@ -3,7 +3,7 @@
 use super::document::read_document;
 use super::output::Failure;
 use super::pages::{self, Page};
-use super::server::{Answer, Call, Server, fault_line, segment};
+use super::server::{Answer, Call, Server, fault_line, query, segment};
 use super::table::{self, Column};
 use super::watch::{follow, watch};
 use serde_json::{Map, Value, json};
@@ -192,8 +192,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         Verb::Watch { id: Some(id), .. } => watch(server, id),
         Verb::Watch { id: None, system } => {
-            let query =
-                system.as_ref().map_or_else(String::new, |system| format!("?system={}", segment(system)));
+            let query = query(&[("system", system)]);
             follow(server, &format!("/events{query}"), |_| None).map(|_| ())
         }
     }

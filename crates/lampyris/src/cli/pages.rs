@@ -23,12 +23,9 @@ pub fn list(
     query: &[(&str, &Option<String>)],
     columns: &[table::Column],
 ) -> Result<(), Failure> {
-    let mut asked = format!("{path}?page_size={}", page.limit);
-    for (name, value) in query.iter().chain([&("page_token", &page.page_token)]) {
-        if let Some(value) = value {
-            asked.push_str(&format!("&{name}={}", server::segment(value)));
-        }
-    }
+    let limit = Some(page.limit.to_string());
+    let parameters = [&[("page_size", &limit)], query, &[("page_token", &page.page_token)]].concat();
+    let asked = format!("{path}{}", server::query(&parameters));
     shown_list(server, &server.get(&asked)?, columns)
 }
 

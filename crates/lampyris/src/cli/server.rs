@@ -237,6 +237,13 @@ pub fn segment(text: &str) -> String {
     escaped
 }
 
+/// The query of those of these parameters that are said, from its question mark on.
+pub fn query(parameters: &[(&str, &Option<String>)]) -> String {
+    let said = parameters.iter().filter_map(|(name, value)| Some((name, value.as_deref()?)));
+    let said: Vec<String> = said.map(|(name, value)| format!("{name}={}", segment(value))).collect();
+    if said.is_empty() { String::new() } else { format!("?{}", said.join("&")) }
+}
+
 /// One event of a stream.
 #[derive(Debug, PartialEq)]
 pub struct Event {

@@ -2,7 +2,7 @@
 
 use super::output::Failure;
 use super::pages::{self, Page};
-use super::server::{Call, Server, segment};
+use super::server::{Call, Server, query};
 use super::table::{self, Column};
 use lampyris_core::data::SystemId;
 use serde_json::Value;
@@ -64,13 +64,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 "text/csv"
             };
             let call = Call { body: Some((kind, bytes)), ..Call::default() };
-            let said = [("zone", zone), ("decimal", decimal), ("dates", dates)];
-            let said: Vec<String> = said
-                .iter()
-                .filter_map(|(name, value)| Some(format!("{name}={}", segment(value.as_deref()?))))
-                .collect();
-            let path = format!("/systems/{system}/windows?{}", said.join("&"));
-            server.show(&server.call("POST", path.trim_end_matches('?'), call)?, describe);
+            let said = query(&[("zone", zone), ("decimal", decimal), ("dates", dates)]);
+            let path = format!("/systems/{system}/windows{said}");
+            server.show(&server.call("POST", &path, call)?, describe);
             Ok(())
         }
         Verb::List { system, page } => {

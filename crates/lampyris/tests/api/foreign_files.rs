@@ -43,6 +43,38 @@ fn a_file_of_another_program_is_read_by_the_zone_of_the_system() {
 }
 
 #[test]
+fn a_name_with_a_comma_is_not_absent() {
+    let app = TestApp::at("2026-02-15T00:00:00Z", |_| {});
+    let channels = json!({"T_room": "Temperatur, innen", "T_out": "Außen"});
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc1", "channels": channels})).expect(201);
+    let body = "time,\"Temperatur, innen\"\n2026-01-31T12:00:00Z,21.5\n2026-01-31T12:10:00Z,21.25\n";
+    let path = "/systems/room/1/windows";
+    let taken = app
+        .send("POST", path, &[("content-type", "text/csv")], Some(body.as_bytes()))
+        .unwrap()
+        .expect(201)
+        .json();
+    let names: Vec<&String> = taken["channels"].as_object().unwrap().keys().collect();
+    assert_eq!(names, ["T_room"]);
+    let warnings = taken["warnings"].as_array().unwrap();
+    assert!(warnings.len() == 1 && warnings[0].as_str().unwrap().contains("`T_out`"), "{warnings:?}");
+}
+
+#[test]
+fn what_commas_mean_is_asked_where_nothing_says_it() {
+    let app = TestApp::start();
+    let ask = |query: &str| {
+        let body = b"time,P_heater[W]\n2026-01-31T12:00:00Z,\"1,250\"\n2026-01-31T12:10:00Z,\"1,350\"\n";
+        let path = format!("/windows/recognise{query}");
+        app.send("POST", &path, &[("content-type", "text/csv")], Some(body)).unwrap()
+    };
+    let problem = ask("").problem(422, "invalid-request");
+    assert_eq!(problem["errors"][0]["code"], "ambiguous-decimals", "{problem}");
+    assert_eq!(ask("?decimal=point").expect(200).json()["columns"][0]["first"], json!([1250.0, 1350.0]));
+    assert_eq!(ask("?decimal=comma").expect(200).json()["columns"][0]["first"], json!([1.25, 1.35]));
+}
+
+#[test]
 fn what_a_file_is_can_be_asked_before_anything_is_kept() {
     let app = TestApp::start();
     let ask = |query: &str, body: &[u8]| {

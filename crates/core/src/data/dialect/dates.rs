@@ -7,6 +7,7 @@ use jiff::civil::DateTime;
 use jiff::fmt::strtime;
 use jiff::tz::{AmbiguousOffset, TimeZone};
 use serde::{Deserialize, Serialize};
+use std::sync::LazyLock;
 use utoipa::ToSchema;
 
 /// The form of dates.
@@ -27,13 +28,15 @@ pub enum DateForm {
     UnixMilliseconds,
 }
 
+/// The forms in the order in which they are tried: numbers are told at once, and what is left to the patterns
+/// of days is costly.
 const FORMS: [DateForm; 6] = [
     DateForm::Iso,
+    DateForm::UnixSeconds,
+    DateForm::UnixMilliseconds,
     DateForm::YearFirst,
     DateForm::DayFirst,
     DateForm::MonthFirst,
-    DateForm::UnixSeconds,
-    DateForm::UnixMilliseconds,
 ];
 
 /// Times of the day behind a date.
@@ -44,8 +47,14 @@ const CLOCKS: [&str; 7] =
 const FIRST_UNIX: f64 = 1e9;
 const LAST_UNIX: f64 = 4.2e9;
 
-/// The share of times that a form must read.
-const READ: f64 = 0.9;
+/// The share of times that a form may leave unread.
+const UNREAD: f64 = 0.1;
+/// The years that a time may be of.
+const YEARS: std::ops::RangeInclusive<i16> = 1970..=2100;
+/// No time is longer.
+const LONGEST: usize = 64;
+/// `1/1/26` has no fewer digits.
+const LEAST_DIGITS: usize = 4;
 
 impl std::str::FromStr for DateForm {
     type Err = String;
@@ -71,14 +80,26 @@ impl DateForm {
         }
     }
 
-    fn days(self) -> &'static [&'static str] {
+    /// The patterns of its days with every time of the day; made once, since each cell above a header is
+    /// tried.
+    fn patterns(self) -> &'static [String] {
+        static YEAR_FIRST: LazyLock<Vec<String>> =
+            LazyLock::new(|| with_clocks(&["%Y-%m-%d", "%Y/%m/%d", "%Y.%m.%d", "%Y%m%d"]));
+        static DAY_FIRST: LazyLock<Vec<String>> =
+            LazyLock::new(|| with_clocks(&["%d.%m.%Y", "%d/%m/%Y", "%d-%m-%Y", "%d.%m.%y", "%d/%m/%y"]));
+        static MONTH_FIRST: LazyLock<Vec<String>> =
+            LazyLock::new(|| with_clocks(&["%m/%d/%Y", "%m-%d-%Y", "%m/%d/%y"]));
         match self {
-            DateForm::YearFirst => &["%Y-%m-%d", "%Y/%m/%d", "%Y.%m.%d", "%Y%m%d"],
-            DateForm::DayFirst => &["%d.%m.%Y", "%d/%m/%Y", "%d-%m-%Y", "%d.%m.%y", "%d/%m/%y"],
-            DateForm::MonthFirst => &["%m/%d/%Y", "%m-%d-%Y", "%m/%d/%y"],
+            DateForm::YearFirst => &YEAR_FIRST,
+            DateForm::DayFirst => &DAY_FIRST,
+            DateForm::MonthFirst => &MONTH_FIRST,
             DateForm::Iso | DateForm::UnixSeconds | DateForm::UnixMilliseconds => &[],
         }
     }
+}
+
+fn with_clocks(days: &[&str]) -> Vec<String> {
+    days.iter().flat_map(|day| CLOCKS.iter().map(move |clock| format!("{day}{clock}"))).collect()
 }
 
 /// A time that was read.
@@ -95,7 +116,7 @@ enum ReadTime {
 pub(super) struct DateReader {
     /// The form.
     pub form: DateForm,
-    patterns: Vec<String>,
+    patterns: &'static [String],
     /// The pattern that has read the time before: most files have one.
     latest: usize,
     local: bool,
@@ -105,9 +126,7 @@ pub(super) struct DateReader {
 
 impl DateReader {
     fn new(form: DateForm) -> Self {
-        let pattern = |day: &&str| CLOCKS.iter().map(|clock| format!("{day}{clock}")).collect::<Vec<_>>();
-        let patterns = form.days().iter().flat_map(pattern).collect();
-        Self { form, patterns, latest: 0, local: false, before: i64::MIN }
+        Self { form, patterns: form.patterns(), latest: 0, local: false, before: i64::MIN }
     }
 
     /// The form that nearly all of these texts have; nothing where there is none.
@@ -116,10 +135,7 @@ impl DateReader {
         let mut fitting = Vec::new();
         for form in FORMS.into_iter().filter(|form| asked.is_none_or(|asked| asked == *form)) {
             let mut reader = Self::new(form);
-            let read: Vec<ReadTime> = stamps.iter().filter_map(|text| reader.read(text)).collect();
-            if read.is_empty() || (read.len() as f64) < READ * stamps.len() as f64 {
-                continue;
-            }
+            let Some(read) = reader.read_most(&stamps) else { continue };
             reader.local = read.iter().any(|time| matches!(time, ReadTime::Local(_)));
             fitting.push((reader, disorder(&read)));
             // Day and month may both come first; no other two forms read one text.
@@ -139,6 +155,21 @@ impl DateReader {
                     .suggest("say dates=day_first or dates=month_first"))
             }
         }
+    }
+
+    /// These times without those that cannot be read; nothing as soon as they are too many.
+    fn read_most(&mut self, stamps: &[&str]) -> Option<Vec<ReadTime>> {
+        let (mut read, mut unread) = (Vec::new(), 0_usize);
+        for text in stamps {
+            match self.read(text) {
+                Some(time) => read.push(time),
+                None => unread += 1,
+            }
+            if unread as f64 > UNREAD * stamps.len() as f64 {
+                return None;
+            }
+        }
+        (!read.is_empty()).then_some(read)
     }
 
     /// Whether times have no offset.
@@ -163,7 +194,10 @@ impl DateReader {
                 let text = text.trim();
                 let by = |pattern: &String| {
                     let parsed = strtime::parse(pattern, text).ok()?;
-                    parsed.to_datetime().or_else(|_| parsed.to_date().map(|date| date.at(0, 0, 0, 0))).ok()
+                    let whole = parsed.to_datetime();
+                    let time = whole.or_else(|_| parsed.to_date().map(|date| date.at(0, 0, 0, 0))).ok()?;
+                    // `%Y` takes one digit and more: `26` is read as a year by it, and as 2026 by another.
+                    YEARS.contains(&time.year()).then_some(time)
                 };
                 let known = by(&self.patterns[self.latest]);
                 let found = known.or_else(|| {
@@ -212,6 +246,14 @@ impl DateReader {
 
 /// Whether a text is a time of any form.
 pub(super) fn is_stamp(text: &str) -> bool {
+    let text = text.trim();
+    let digits = text.bytes().filter(u8::is_ascii_digit).take(LEAST_DIGITS).count();
+    if text.len() > LONGEST
+        || digits < LEAST_DIGITS
+        || !text.starts_with(|letter: char| letter.is_ascii_digit())
+    {
+        return false;
+    }
     FORMS.into_iter().any(|form| DateReader::new(form).read(text).is_some())
 }
 

@@ -1,11 +1,12 @@
 //! Where in a text the header is, what separates its cells, and which columns are the time.
 
 use super::dates::is_stamp;
-use crate::data::channel::canonical_unit;
-use crate::data::header::{ColumnHeader, ColumnUnit};
+use crate::data::csv_text::{CsvText, Rows, is_passed, is_time};
+use crate::data::header::{ColumnHeader, ColumnUnit, MAX_COLUMNS, MAX_NAME, too_many, unit_text};
 use crate::data::stamp::read_stamp;
 use crate::data::table::is_no_value;
-use crate::units::Unit;
+use crate::fault::Fault;
+use csv::StringRecord;
 
 /// Lines above the header that may say something else.
 const MOST_ABOVE: usize = 50;
@@ -13,6 +14,10 @@ const MOST_ABOVE: usize = 50;
 const LOOKED_AT: usize = 500;
 /// Rows that are like those behind them, where a program writes them.
 const PLAIN_ROWS: usize = 20;
+/// No header is longer.
+const MOST_BYTES: usize = MAX_COLUMNS * MAX_NAME;
+/// No time of the day is longer: `11:59:59.999`.
+const LONGEST_CLOCK: usize = 12;
 /// What separates cells, in the order in which a tie is decided: a comma may stand inside of numbers.
 const SEPARATORS: [u8; 4] = *b";\t|,";
 /// What columns of times are called, in a few languages.
@@ -42,8 +47,6 @@ const TIMES: [&str; 24] = [
     "ora",
     "tid",
 ];
-/// The names that the parser takes for the time.
-const PLAIN_TIMES: [&str; 2] = ["time", "timestamp"];
 
 /// Which columns say when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,16 +57,9 @@ pub(super) enum TimeColumns {
     Two(usize, usize),
 }
 
-/// A row with the line on which it begins.
-#[derive(Debug)]
-pub(super) struct TextRow {
-    pub line: u64,
-    pub cells: Vec<String>,
-}
-
 /// A text, taken apart.
 #[derive(Debug)]
-pub(super) struct TextTable {
+pub(super) struct TextTable<'a> {
     /// What separates its cells.
     pub separator: u8,
     /// The line of the header.
@@ -72,46 +68,71 @@ pub(super) struct TextTable {
     pub names: Vec<String>,
     /// The columns of times.
     pub times: TimeColumns,
-    /// The rows below.
-    pub rows: Vec<TextRow>,
-    /// The line of the first of them.
+    /// The line of the first row.
     pub first_row: u64,
+    /// The first rows that have a cell for each name.
+    sample: Vec<StringRecord>,
+    /// The text below the header, and its line of units.
+    below: &'a str,
+    /// How many lines stand above that.
+    above: u64,
 }
 
-impl TextTable {
+impl<'a> TextTable<'a> {
     /// Takes a text apart; nothing where no line looks like a header with a column of times.
-    pub fn of(text: &str) -> Option<Self> {
-        let lines: Vec<&str> = text.lines().take(MOST_ABOVE + LOOKED_AT).collect();
-        let (separator, skipped) = separator(&lines)?;
-        let mut rows = text
-            .lines()
-            .enumerate()
-            .skip(skipped)
-            .filter(|(_, line)| !is_passed(line))
-            .map(|(at, line)| TextRow { line: at as u64 + 1, cells: split(line, char::from(separator)) });
-        let head = rows.next()?;
-        let mut names: Vec<String> = head.cells.iter().map(|cell| cell.trim().to_owned()).collect();
-        let mut rows: Vec<TextRow> = rows.collect();
-        if let Some(units) = rows.first().and_then(|row| units(&row.cells, &names)) {
+    ///
+    /// # Errors
+    /// Where the header has too many columns.
+    pub fn of(text: &'a str) -> Result<Option<Self>, Fault> {
+        let lines: Vec<Line<'_>> = first_lines(text);
+        let Some((separator, at)) = separator(&lines) else { return Ok(None) };
+        let head = cells(lines[at].text, separator);
+        // One column is that of the times, or two are.
+        too_many(head.len().saturating_sub(2))?;
+        let mut names: Vec<String> = head.iter().map(|cell| cell.trim().to_owned()).collect();
+        let mut last = at;
+        if let Some(units) = lines.get(at + 1).and_then(|line| units(&cells(line.text, separator), &head)) {
             names = units;
-            rows.remove(0);
+            last = at + 1;
         }
-        let times = time_columns(&names, &rows)?;
-        let first_row = rows.first()?.line;
-        Some(Self { separator, header: head.line, names, times, rows, first_row })
+        let below = &text[lines[last].end..];
+        let above = lines[last].number;
+        let mut rows = Rows::of(below, separator, above);
+        let (mut first_row, mut sample) = (None, Vec::new());
+        while let Some((line, record)) = rows.read().filter(|_| sample.len() < LOOKED_AT) {
+            first_row = first_row.or(Some(line));
+            if record.len() == names.len() {
+                sample.push(record.clone());
+            }
+        }
+        let Some((times, first_row)) = time_columns(&names, &sample).zip(first_row) else { return Ok(None) };
+        let header = lines[at].number;
+        Ok(Some(Self { separator, header, names, times, first_row, sample, below, above }))
+    }
+
+    /// Its rows, also those with too few cells or too many.
+    pub fn rows(&self) -> Rows<'a> {
+        Rows::of(self.below, self.separator, self.above)
     }
 
     /// The texts of the times, in the order of the rows.
     pub fn stamps(&self) -> Vec<String> {
-        self.rows.iter().map(|row| self.stamp(row)).collect()
+        let mut stamps = Vec::new();
+        let mut rows = self.rows();
+        while let Some((_, row)) = rows.read() {
+            if row.len() == self.names.len() {
+                stamps.push(self.stamp(row));
+            }
+        }
+        stamps
     }
 
-    /// The text of the time of a row.
-    pub fn stamp(&self, row: &TextRow) -> String {
-        let cell = |column: usize| row.cells.get(column).map(String::as_str).unwrap_or_default().trim();
+    /// The text of the time of a row; empty where nothing says when.
+    pub fn stamp(&self, row: &StringRecord) -> String {
+        let cell = |column: usize| row.get(column).unwrap_or_default().trim();
         match self.times {
             TimeColumns::One(column) => cell(column).to_owned(),
-            TimeColumns::Two(day, clock) => format!("{} {}", cell(day), cell(clock)),
+            TimeColumns::Two(day, clock) => format!("{} {}", cell(day), cell(clock)).trim().to_owned(),
         }
     }
 
@@ -124,126 +145,162 @@ impl TextTable {
     }
 
     /// Cells of values, as many as tell how numbers are written.
-    pub fn cells(&self) -> Vec<&str> {
-        let mut cells = Vec::new();
-        for row in self.rows.iter().take(LOOKED_AT) {
-            let values = row.cells.iter().enumerate().filter(|(column, _)| !self.is_time(*column));
-            cells.extend(values.map(|(_, cell)| cell.as_str()));
-        }
-        cells
+    pub fn cells(&self) -> impl Iterator<Item = &str> {
+        self.sample.iter().flat_map(|row| {
+            row.iter().enumerate().filter(|(column, _)| !self.is_time(*column)).map(|(_, cell)| cell)
+        })
     }
 }
 
 /// The separator and the line of the header of a text whose first rows the parser reads as they are.
-pub(super) fn plain(text: &str) -> Option<(char, u64)> {
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !is_passed(line));
-    let (at, header) = lines.next()?;
-    let separator = [',', ';', '\t'].into_iter().find(|mark| header.contains(*mark))?;
-    let is_time = |name: &str| PLAIN_TIMES.iter().any(|time| name.trim().eq_ignore_ascii_case(time));
-    let time = header.split(separator).position(is_time)?;
+///
+/// # Errors
+/// Where the header has too many columns.
+pub(super) fn plain(text: &str) -> Result<Option<(char, u64)>, Fault> {
+    let CsvText { separator, line, headers, times, mut rows } = CsvText::of(text)?;
+    let Some(time) = times.first().copied().filter(|_| headers.len() > 1) else { return Ok(None) };
+    // Commas in numbers may stand far below zeros and empty cells.
+    if text.contains(if separator == b',' { '"' } else { ',' }) {
+        return Ok(None);
+    }
     let is_value = |cell: &str| is_no_value(cell.trim()) || cell.trim().parse::<f64>().is_ok();
-    let mut rows = lines.take(PLAIN_ROWS).peekable();
-    rows.peek()?;
-    let is_plain = rows.all(|(_, line)| {
-        let mut cells = line.split(separator).enumerate();
-        cells.all(|(column, cell)| if column == time { read_stamp(cell).is_ok() } else { is_value(cell) })
+    let mut count = 0;
+    while let Some((_, row)) = rows.read().filter(|_| count < PLAIN_ROWS) {
+        let mut cells = row.iter().enumerate();
+        if !cells.all(|(column, cell)| if column == time { read_stamp(cell).is_ok() } else { is_value(cell) })
+        {
+            return Ok(None);
+        }
+        count += 1;
+    }
+    Ok((count > 0).then_some((char::from(separator), line)))
+}
+
+/// A line that says something.
+struct Line<'a> {
+    /// Its number.
+    number: u64,
+    /// What is looked at of it.
+    text: &'a str,
+    /// Where the next one begins.
+    end: usize,
+}
+
+/// The first lines that say something.
+fn first_lines(text: &str) -> Vec<Line<'_>> {
+    let mut end = 0;
+    let numbered = text.split_inclusive('\n').zip(1..).map(|(line, number)| {
+        end += line.len();
+        let line = line.trim_end_matches(['\r', '\n']);
+        // What no header can have, and only costs time.
+        let cut = line.char_indices().map(|(at, _)| at).find(|at| *at >= MOST_BYTES);
+        Line { number, text: &line[..cut.unwrap_or(line.len())], end }
     });
-    is_plain.then_some((separator, at as u64 + 1))
+    numbered.take(MOST_ABOVE + LOOKED_AT).filter(|line| !is_passed(line.text)).collect()
 }
 
-/// Whether a line says nothing.
-fn is_passed(line: &str) -> bool {
-    line.trim().is_empty() || line.starts_with('#')
+/// The cells of a line.
+fn cells(line: &str, separator: u8) -> StringRecord {
+    Rows::of(line, separator, 0).read().map(|(_, record)| record.clone()).unwrap_or_default()
 }
 
-/// What separates the cells of most lines, and how many lines stand above the first of those.
-fn separator(lines: &[&str]) -> Option<(u8, usize)> {
+/// What separates the cells of most lines, and which of them is the header.
+fn separator(lines: &[Line<'_>]) -> Option<(u8, usize)> {
     let mut best: Option<(usize, u8, usize)> = None;
     for mark in SEPARATORS {
-        let count = |line: &&str| split(line, char::from(mark)).len();
-        let kept: Vec<usize> = (0..lines.len()).filter(|at| !is_passed(lines[*at])).collect();
-        let widths: Vec<usize> = kept.iter().map(|at| count(&lines[*at])).collect();
+        let widths: Vec<usize> = lines.iter().map(|line| cells(line.text, mark).len()).collect();
         // The header has as many cells as the line below it, and so have nearly all that follow.
-        let begins = (0..widths.len().min(MOST_ABOVE)).find(|at| {
+        let begins = |at: &usize| {
             let width = widths[*at];
             let below = &widths[at + 1..];
             width > 1 && below.first() == Some(&width) && {
                 let same = below.iter().filter(|other| **other == width).count();
                 same * 10 >= below.len() * 9
             }
-        });
-        let Some(begins) = begins else { continue };
-        if best.is_none_or(|(width, ..)| widths[begins] > width) {
-            best = Some((widths[begins], mark, kept[begins]));
+        };
+        let candidates: Vec<usize> = (0..widths.len().min(MOST_ABOVE)).filter(begins).collect();
+        let Some(header) = header(lines, &candidates, mark) else { continue };
+        if best.is_none_or(|(width, ..)| widths[header] > width) {
+            best = Some((widths[header], mark, header));
         }
     }
-    best.map(|(_, mark, skipped)| (mark, skipped))
+    best.map(|(_, mark, header)| (mark, header))
 }
 
-/// The cells of a line; what stands in quotes is whole, and a quote in it is written twice.
-fn split(line: &str, mark: char) -> Vec<String> {
-    let mut cells = vec![String::new()];
-    let mut quoted = false;
-    let mut letters = line.chars().peekable();
-    while let Some(letter) = letters.next() {
-        let Some(cell) = cells.last_mut() else { break };
-        match letter {
-            '"' if quoted && letters.peek() == Some(&'"') => {
-                letters.next();
-                cell.push('"');
-            }
-            '"' => quoted = !quoted,
-            letter if letter == mark && !quoted => cells.push(String::new()),
-            letter => cell.push(letter),
-        }
-    }
-    cells
+/// The header among lines that have the width of one: no date stands in it, and a time in the line below it,
+/// or below its line of units. Lines above it, such as `sep=;` and `Serial;123`, may have its width. Where
+/// the first stamps cannot be read, the name of a column says that it is the header.
+fn header(lines: &[Line<'_>], candidates: &[usize], mark: u8) -> Option<usize> {
+    let row = |at: usize| lines.get(at).map(|line| cells(line.text, mark)).unwrap_or_default();
+    let stamped = |row: &StringRecord| row.iter().take(MAX_COLUMNS).any(is_stamp);
+    // A number that could be a time may be the name of a sensor.
+    let is_date = |cell: &str| is_stamp(cell) && !cell.trim().bytes().all(|byte| byte.is_ascii_digit());
+    let dated = |row: &StringRecord| row.iter().take(MAX_COLUMNS).any(is_date);
+    let silent: Vec<(usize, StringRecord)> =
+        candidates.iter().map(|at| (*at, row(*at))).filter(|(_, head)| !dated(head)).collect();
+    let directly = |(at, head): &&(usize, StringRecord)| {
+        let below = row(at + 1);
+        stamped(&below) || units(&below, head).is_some() && stamped(&row(at + 2))
+    };
+    let names_time = |(_, head): &&(usize, StringRecord)| head.iter().take(MAX_COLUMNS).any(is_time_name);
+    let soon =
+        |(at, _): &&(usize, StringRecord)| (at + 1..=at + PLAIN_ROWS).any(|below| stamped(&row(below)));
+    let found = silent.iter().find(|one| names_time(one) && directly(one));
+    let found = found.or_else(|| silent.iter().find(|one| names_time(one) && soon(one)));
+    found.or_else(|| silent.iter().find(directly)).map(|(at, _)| *at)
+}
+
+/// Whether a column of this name says when, in one of a few languages.
+fn is_time_name(name: &str) -> bool {
+    TIMES.contains(&ColumnHeader::parse(name).channel.to_lowercase().as_str())
 }
 
 /// The names with the units of the line below, where that line is one of units.
-fn units(below: &[String], names: &[String]) -> Option<Vec<String>> {
+fn units(below: &StringRecord, names: &StringRecord) -> Option<Vec<String>> {
     let bare = |cell: &str| cell.trim().trim_matches(['[', ']', '(', ')']).to_owned();
     let is_unit = |cell: &str| {
         let unit = bare(cell);
-        unit.parse::<f64>().is_err() && !is_no_value(&unit) && Unit::parse(canonical_unit(&unit)).is_ok()
+        !is_no_value(&unit) && unit_text(&unit).is_some()
     };
-    let filled = || below.iter().map(String::as_str).filter(|cell| !is_no_value(cell.trim()));
-    if filled().any(is_stamp) || filled().filter(|cell| is_unit(cell)).count() * 2 <= filled().count() {
+    let filled = || below.iter().filter(|cell| !is_no_value(cell.trim()));
+    let said = filled().filter(|cell| is_unit(cell)).count();
+    if below.len() != names.len() || said * 2 <= filled().count() || filled().any(is_stamp) {
         return None;
     }
-    let with = |(name, cell): (&String, &String)| {
+    let with = |(name, cell): (&str, &str)| {
+        let name = name.trim();
         let is_silent = ColumnHeader::parse(name).unit == ColumnUnit::Unstated;
-        if is_silent && is_unit(cell) { format!("{name}[{}]", bare(cell)) } else { name.clone() }
+        if is_silent && is_unit(cell) { format!("{name}[{}]", bare(cell)) } else { name.to_owned() }
     };
     Some(names.iter().zip(below.iter()).map(with).collect())
 }
 
-/// The columns of times: by their names, or the first where its cells are times.
-fn time_columns(names: &[String], rows: &[TextRow]) -> Option<TimeColumns> {
-    let named: Vec<usize> = (0..names.len())
-        .filter(|column| {
-            let name = ColumnHeader::parse(&names[*column]).channel.to_lowercase();
-            TIMES.contains(&name.as_str())
-        })
-        .collect();
-    let plain =
-        named.iter().find(|column| PLAIN_TIMES.iter().any(|name| names[**column].eq_ignore_ascii_case(name)));
-    let cell = |column: usize| {
-        rows.iter()
-            .filter_map(move |row| row.cells.get(column))
-            .map(|cell| cell.trim())
-            .find(|cell| !cell.is_empty())
+/// The columns of times: by their names and cells, or the first where its cells are times.
+fn time_columns(names: &[String], rows: &[StringRecord]) -> Option<TimeColumns> {
+    let any = |column: usize, says: fn(&str) -> bool| {
+        let texts = rows.iter().filter_map(|row| row.get(column)).map(str::trim);
+        texts.filter(|text| !text.is_empty()).take(PLAIN_ROWS).any(says)
     };
-    let is_clock = |column: usize| {
-        cell(column).is_some_and(|cell| cell.contains(':') && !cell.contains(['-', '/']) && cell.len() <= 12)
-    };
-    let is_day = |column: usize| cell(column).is_some_and(|cell| !cell.contains(':') && cell.len() >= 6);
+    let is_day = |column: usize| any(column, |text| !text.contains(':') && is_stamp(text));
+    let is_clock = |column: usize| any(column, is_clock);
+    // A name alone says little: `data` is a date where the cells below it are.
+    let says_when = |column: usize| any(column, is_stamp) || is_clock(column);
+    let named: Vec<usize> =
+        (0..names.len()).filter(|column| is_time_name(&names[*column]) && says_when(*column)).collect();
     match named[..] {
         [column] => Some(TimeColumns::One(column)),
         [one, other, ..] if is_day(one) && is_clock(other) => Some(TimeColumns::Two(one, other)),
         [one, other, ..] if is_clock(one) && is_day(other) => Some(TimeColumns::Two(other, one)),
-        [..] if plain.is_some() => plain.map(|column| TimeColumns::One(*column)),
-        [first, ..] => Some(TimeColumns::One(first)),
-        [] => is_stamp(cell(0)?).then_some(TimeColumns::One(0)),
+        [first, ..] => {
+            let plain = named.iter().copied().find(|column| is_time(&names[*column]));
+            Some(TimeColumns::One(plain.unwrap_or(first)))
+        }
+        [] => any(0, is_stamp).then_some(TimeColumns::One(0)),
     }
+}
+
+/// Whether a text is a time of the day.
+fn is_clock(text: &str) -> bool {
+    let begins = text.starts_with(|letter: char| letter.is_ascii_digit());
+    begins && text.contains(':') && text.len() <= LONGEST_CLOCK && !is_stamp(text)
 }

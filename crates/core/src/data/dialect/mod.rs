@@ -8,8 +8,9 @@
 //! bytes --text--> text --layout--> separator, header --numbers, dates--> CsvDialect --rewrite--> CSV
 //! ```
 //!
-//! Nothing is guessed that the file leaves open: days and months that could change places are a fault, and
-//! local times without a zone stay as they are, which the parser refuses.
+//! Nothing is guessed that the file leaves open: days and months that could change places are a fault, as are
+//! commas that could stand before decimals or thousands, and local times without a zone stay as they are,
+//! which the parser refuses.
 
 mod dates;
 mod layout;
@@ -93,7 +94,8 @@ pub struct Recognised<'a> {
 /// Recognises how a file is written, and writes it anew where the parser would not read it as it is.
 ///
 /// # Errors
-/// Where the zone is unknown, or days and months of the dates could change places.
+/// Where the zone is unknown, there are too many columns, days and months of the dates could change places,
+/// or commas could stand before decimals and thousands.
 pub fn recognise<'a>(body: &'a [u8], asked: &DialectAsked) -> Result<Recognised<'a>, Vec<Fault>> {
     let (text, encoding) = text::decode(body);
     let zone = asked
@@ -103,7 +105,7 @@ pub fn recognise<'a>(body: &'a [u8], asked: &DialectAsked) -> Result<Recognised<
         .transpose()
         .map_err(|fault| vec![Fault { pointer: "/zone".to_owned(), ..fault }])?;
     if let (Cow::Borrowed(body), None) = (&text, &asked.only)
-        && let Some((separator, header)) = layout::plain(body)
+        && let Some((separator, header)) = layout::plain(body).map_err(|fault| vec![fault])?
         && asked.decimal != Some(DecimalMark::Comma)
         && asked.dates.is_none_or(|dates| dates == DateForm::Iso)
     {
@@ -118,14 +120,18 @@ pub fn recognise<'a>(body: &'a [u8], asked: &DialectAsked) -> Result<Recognised<
         };
         return Ok(Recognised { text, dialect: Some(dialect) });
     }
-    let Some(layout) = TextTable::of(&text) else {
+    let Some(layout) = TextTable::of(&text).map_err(|fault| vec![fault])? else {
         return Ok(Recognised { text, dialect: None });
     };
-    let decimal = asked.decimal.unwrap_or_else(|| numbers::decimal_mark(&layout.cells()));
+    let at_first_row = |fault| vec![Fault { pointer: format!("line {}", layout.first_row), ..fault }];
+    let decimal = match asked.decimal {
+        Some(decimal) => decimal,
+        None => numbers::decimal_mark(layout.cells(), layout.separator).map_err(at_first_row)?,
+    };
     let reader = match DateReader::of(layout.stamps(), asked.dates) {
         Ok(Some(reader)) => reader,
         Ok(None) => return Ok(Recognised { text, dialect: None }),
-        Err(fault) => return Err(vec![Fault { pointer: format!("line {}", layout.first_row), ..fault }]),
+        Err(fault) => return Err(at_first_row(fault)),
     };
     let local = reader.is_local();
     let dialect = CsvDialect {

@@ -9,10 +9,11 @@ use std::borrow::Cow;
 
 /// What stands where a line of the file is none of the table.
 const NOTHING: &str = "#";
+const LINE_ENDS: [char; 2] = ['\r', '\n'];
 
-/// The text of a table; every row stands on the line on which it began.
+/// The text of a table; every row stands on the line on which it ended.
 pub(super) fn rewritten(
-    layout: &TextTable,
+    layout: &TextTable<'_>,
     mut dates: DateReader,
     decimal: DecimalMark,
     zone: Option<&TimeZone>,
@@ -35,23 +36,27 @@ pub(super) fn rewritten(
         layout.header,
         columns.iter().map(|column| if *column == time { "time" } else { layout.names[*column].as_str() }),
     );
-    for row in &layout.rows {
-        if row.cells.len() != layout.names.len() {
+    let mut rows = layout.rows();
+    while let Some((line, row)) = rows.read() {
+        if row.len() != layout.names.len() {
             // The parser says what is wrong with it: it has too few cells, or too many.
-            lines.write(row.line, std::iter::repeat_n("", columns.len() + 1));
+            lines.write(line, std::iter::repeat_n("", columns.len() + 1));
             continue;
         }
         let stamp = dates.written(&layout.stamp(row), zone);
-        let cells = columns.iter().map(|column| match (decimal, row.cells[*column].as_str()) {
-            _ if *column == time => Cow::Borrowed(stamp.as_str()),
-            (DecimalMark::Comma, cell) => with_point(cell),
-            (DecimalMark::Point, cell) => Cow::Borrowed(cell),
+        let cells = columns.iter().map(|column| {
+            if *column == time { Cow::Borrowed(stamp.as_str()) } else { with_point(&row[*column], decimal) }
         });
-        let cells: Vec<Cow<'_, str>> = cells.collect();
-        lines.write(row.line, cells.iter().map(AsRef::as_ref));
+        let cells: Vec<Cow<'_, str>> = cells.map(on_one_line).collect();
+        lines.write(line, cells.iter().map(AsRef::as_ref));
     }
     let written = lines.writer.into_inner().unwrap_or_default();
     String::from_utf8(written).unwrap_or_default()
+}
+
+/// A remark of several lines would move all that follows.
+fn on_one_line(cell: Cow<'_, str>) -> Cow<'_, str> {
+    if cell.contains(LINE_ENDS) { Cow::Owned(cell.replace(LINE_ENDS, " ")) } else { cell }
 }
 
 /// Lines on their way into a text.

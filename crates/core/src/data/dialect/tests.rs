@@ -90,6 +90,119 @@ fn day_and_month_change_places_only_where_the_file_says_which_is_which() {
 }
 
 #[test]
+fn years_may_have_two_digits() {
+    let first = |rows: &[&str]| {
+        let text = format!("Zeit;T_room\n{};21\n", rows.join(";20\n"));
+        let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+        (dialect.dates, samples(&window, "T_room")[0].0.clone())
+    };
+    let noon = "2026-01-31T12:00:00Z".to_owned();
+    assert_eq!(first(&["31.01.26 12:00", "31.01.26 12:10"]), (DateForm::DayFirst, noon.clone()));
+    assert_eq!(first(&["31/01/26 12:00", "31/01/26 12:10"]), (DateForm::DayFirst, noon));
+    let after = "2026-01-31T13:00:00Z".to_owned();
+    assert_eq!(first(&["1/31/26 1:00 PM", "1/31/26 1:10 PM"]), (DateForm::MonthFirst, after));
+}
+
+#[test]
+fn lines_above_the_header_may_have_its_width() {
+    for above in ["sep=;", "Serial;123", "Export;31.01.2026", "Datum;Anlage 7"] {
+        let text = format!("{above}\nZeit;T_room\n31.1.2026 12:00;21,5\n31.1.2026 12:10;20,5\n");
+        let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+        assert_eq!((dialect.header, samples(&window, "T_room").len()), (2, 2), "{above}");
+    }
+}
+
+#[test]
+fn sensors_may_be_called_by_numbers() {
+    let text = "Zeit;2812345678;20260131\n31.1.2026 12:00;21,5;1\n31.1.2026 12:10;20,5;1\n";
+    let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!((dialect.header, samples(&window, "2812345678").len()), (1, 2));
+}
+
+#[test]
+fn commas_in_times_separate_no_cells() {
+    let text = "Zeit;T_room\n31.1.2026, 12:00:00;21,5\n31.1.2026, 12:10:00;20,5\n";
+    let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!((dialect.separator, samples(&window, "T_room")[1].1), (';', 20.5));
+}
+
+#[test]
+fn a_name_of_times_needs_times_below_it() {
+    let text = "Timestamp (UTC),data\n2026-01-31 12:00,215.125\n2026-01-31 12:10,214.125\n";
+    let (_, _, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!(samples(&window, "data")[1], ("2026-01-31T12:10:00Z".to_owned(), 214.125));
+    // A first row that is broken hides no header, and blank ones of two columns of times are none.
+    let rows: String = (10..40).map(|minute| format!("31.01.26;12:{minute};21\n")).collect();
+    let text = format!("Datum;Zeit;T_room\nkaputt;kaputt;1\n{rows};;\n;;\n");
+    let (_, dialect, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!((dialect.header, samples(&window, "T_room").len()), (1, 30));
+}
+
+#[test]
+fn quotes_inside_of_cells_hide_no_separators() {
+    let rows: String = (10..40).map(|minute| format!("31.01.2026 12:{minute};20,5;\n")).collect();
+    let remark = "31.01.2026 12:40;21,5;\"a\nb\"\n31.01.2026 12:41;2x;\n";
+    let text = format!("Datum;Rohr 5\" innen;Notiz\n{rows}{remark}");
+    let (rewritten, _, window) = read(text.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!(samples(&window, "Rohr 5\" innen")[0].1, 20.5);
+    assert_eq!(rewritten.lines().count(), text.lines().count(), "a remark of two lines stands on the second");
+}
+
+#[test]
+fn commas_of_thousands_are_no_decimals() {
+    let file = |cells: [&str; 2]| {
+        let rows = cells
+            .map(|cell| format!("2026-01-31 12:{},{cell}\n", if cell == cells[0] { "00" } else { "10" }));
+        format!("time,P_x\n{}", rows.concat())
+    };
+    let value = |cells, decimal| {
+        let asked = DialectAsked { decimal, ..zone("UTC") };
+        let (_, _, window) = read(file(cells).as_bytes(), &asked)?;
+        Ok::<f64, Vec<Fault>>(samples(&window, "P_x")[0].1)
+    };
+    let open = ["\"1,250\"", "\"2,250\""];
+    let fault = value(open, None).unwrap_err().remove(0);
+    assert_eq!((fault.code.as_str(), fault.pointer.as_str()), ("ambiguous-decimals", "line 2"));
+    assert_eq!(value(open, Some(DecimalMark::Comma)), Ok(1.25));
+    let watts = |cells, decimal| {
+        let text = file(cells).replace("P_x", "P_x[W]");
+        let asked = DialectAsked { decimal, ..zone("UTC") };
+        let (_, _, window) = read(text.as_bytes(), &asked).unwrap();
+        samples(&window, "P_x").iter().map(|(_, value)| *value).collect::<Vec<_>>()
+    };
+    assert_eq!(watts(open, Some(DecimalMark::Point)), [1.25, 2.25], "in kW");
+    assert_eq!(watts(["\"1,250\"", "850.5"], None), [1.25, 0.8505]);
+    // With semicolons between the cells a comma is that of decimals, and 1.250 does not say otherwise.
+    let german = "Zeit;P_x[W];T_room\n31.01.2026 12:00;1.250;21,5\n31.01.2026 12:10;1.350;\n";
+    let (_, _, window) = read(german.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!(samples(&window, "P_x")[0].1, 1.25);
+    let german = "Zeit;T_room\n31.01.2026 12:00;21,125\n31.01.2026 12:10;20,125\n";
+    let (_, dialect, _) = read(german.as_bytes(), &zone("UTC")).unwrap();
+    assert_eq!(dialect.decimal, DecimalMark::Comma);
+}
+
+#[test]
+fn commas_far_below_the_header_are_seen() {
+    let row = |at: usize| format!("2026-01-01T{:02}:00:00Z;{}\n", at, if at < 23 { "0" } else { "0,35" });
+    let text = format!("time;valve\n{}", (0..24).map(row).collect::<String>());
+    let (_, dialect, window) = read(text.as_bytes(), &DialectAsked::default()).unwrap();
+    assert_eq!((dialect.decimal, samples(&window, "valve")[23].1), (DecimalMark::Comma, 0.35));
+}
+
+#[test]
+fn too_many_columns_are_refused_before_any_work() {
+    let wide = |time: &str, separator: &str| {
+        let names: String = (0..1_001).map(|at| format!("{separator}c{at}")).collect();
+        let cells = format!("{separator}1").repeat(1_001);
+        recognise(format!("Zeit{names}\n{time}{cells}\n").as_bytes(), &zone("UTC")).unwrap_err()[0]
+            .code
+            .clone()
+    };
+    assert_eq!(wide("31.01.2026 12:00", ";"), "too-many-columns");
+    assert_eq!(wide("2026-01-31T12:00:00Z", ","), "too-many-columns");
+}
+
+#[test]
 fn times_without_a_zone_stay_a_fault_and_lines_keep_their_numbers() {
     let text = "# made by hand\n\nZeit;T_room\n31.01.2026 12:00;21,5\n31.01.2026 13:00;21,5\n";
     let found = recognise(text.as_bytes(), &DialectAsked::default()).unwrap();

@@ -3,13 +3,14 @@
 
 mod words;
 
-use super::bindings::ColumnBindings;
-use super::channel::ChannelKind;
+use super::channel::{ChannelKind, is_temperature};
+use super::csv_text::{CsvText, other_width};
 use super::dialect::{CsvDialect, DialectAsked, recognise};
 use super::header::{ColumnHeader, ColumnUnit};
 use super::layout::{NEIGHBOUR, propose_layout};
-use super::stamp::{read_stamp, rfc3339};
-use super::table::is_no_value;
+use super::series::Series;
+use super::stamp::{BadStamp, in_utc, read_stamp, rfc3339};
+use super::table::{Cell, RawColumn, order};
 use super::window::Window;
 use crate::fault::Fault;
 use crate::units::Unit;
@@ -18,10 +19,8 @@ use utoipa::ToSchema;
 
 /// Rows that are shown as they were read.
 const SHOWN: usize = 5;
-/// Reasons for rejected rows that are told apart.
-const MOST_REASONS: usize = 20;
-/// The share of a column's values that a unit must explain.
-const EXPLAINED: f64 = 0.9;
+/// How the channels begin under which rooms are compared.
+const ROOM: &str = "T_room_";
 /// Rooms that are proposed next to one: the walls of a room.
 const MOST_NEIGHBOURS: usize = 4;
 
@@ -67,6 +66,8 @@ pub struct ColumnReading {
     pub room: Option<String>,
     /// Values.
     pub samples: usize,
+    /// Cells that hold something else than a number.
+    pub odd: usize,
     /// Share of the rows that have a value.
     pub complete: f64,
     /// The lowest value.
@@ -122,58 +123,48 @@ pub fn read_file(body: &[u8], asked: &DialectAsked) -> Result<FileReading, Vec<F
         ]
     };
     let dialect = found.dialect.ok_or_else(no_table)?;
-    let text = &found.text;
-    let separator = if matches!(text, std::borrow::Cow::Owned(_)) { ',' } else { dialect.separator };
-    let mut reader = csv::ReaderBuilder::new()
-        .delimiter(separator as u8)
-        .flexible(true)
-        .comment(Some(b'#'))
-        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
-    let headers: Vec<ColumnHeader> =
-        reader.headers().map_err(|_| no_table())?.iter().map(ColumnHeader::parse).collect();
-    let is_time = |header: &ColumnHeader| {
-        ["time", "timestamp"].iter().any(|name| header.column.eq_ignore_ascii_case(name))
-    };
-    let time = headers.iter().position(is_time).ok_or_else(no_table)?;
-    let mut values: Vec<Vec<Option<f64>>> = vec![Vec::new(); headers.len()];
+    let CsvText { headers, times: named, mut rows, .. } =
+        CsvText::of(&found.text).map_err(|fault| vec![fault])?;
+    let time_column = named.first().copied().ok_or_else(no_table)?;
+    let mut raw: Vec<RawColumn> = headers.iter().map(|_| RawColumn::default()).collect();
     let (mut times, mut first, mut rejected) = (Vec::new(), Vec::new(), Vec::new());
-    for record in reader.records() {
-        let record = record.map_err(|_| no_table())?;
-        let line = record.position().map_or(0, csv::Position::line);
-        let stamp = record.get(time).unwrap_or_default();
+    while let Some((line, record)) = rows.read() {
+        let stamp = record.get(time_column).unwrap_or_default();
         if first.len() < SHOWN {
             first.push(stamp.to_owned());
         }
-        // A local time without a zone is one that waits for an answer.
-        let read = read_stamp(stamp).or_else(|_| read_stamp(&format!("{stamp}Z")));
-        let reason = match read {
-            _ if record.len() != headers.len() => Some("it has another number of cells than the header"),
-            Err(_) => Some("the time cannot be read"),
-            Ok(time) => match times.last() {
-                Some(last) if *last == time => Some("the time is the same as that of the row before"),
-                Some(last) if *last > time => Some("the time goes backwards"),
-                _ => None,
-            },
-        };
-        if let Some(reason) = reason {
-            note(&mut rejected, reason, line);
+        if record.len() != headers.len() {
+            note(&mut rejected, &other_width(headers.len()), line);
             continue;
         }
-        times.extend(read);
-        for (column, cell) in record.iter().enumerate() {
-            let cell = cell.trim();
-            let number = || cell.parse::<f64>().ok().filter(|number| number.is_finite());
-            values[column].push(if is_no_value(cell) { None } else { number() });
+        match next_time(stamp, times.last().copied()) {
+            Ok(time) => {
+                for (column, cell) in raw.iter_mut().zip(record) {
+                    column.take(times.len(), line, Cell::of_text(cell));
+                }
+                times.push(time);
+            }
+            Err(reason) => note(&mut rejected, reason, line),
         }
     }
-    let kept: Vec<usize> = (0..headers.len()).filter(|column| *column != time).collect();
-    let names: Vec<&ColumnHeader> = kept.iter().map(|column| &headers[*column]).collect();
+    let kept: Vec<(&ColumnHeader, &RawColumn)> = headers
+        .iter()
+        .zip(&raw)
+        .enumerate()
+        .filter(|(at, _)| *at != time_column)
+        .map(|(_, one)| one)
+        .collect();
+    let names: Vec<&ColumnHeader> = kept.iter().map(|(header, _)| *header).collect();
     let rooms = rooms(&names);
     let mut columns: Vec<ColumnReading> =
-        kept.iter().map(|column| column_reading(&headers[*column], &values[*column])).collect();
+        kept.iter().map(|(header, raw)| column_reading(header, raw, times.len())).collect();
     assign(&mut columns, &rooms);
+    let temperatures = rooms.iter().filter_map(|room| {
+        let at = columns.iter().position(|column| column.column == room.column)?;
+        temperature(&room.id, &columns[at].unit, kept[at].1, &times)
+    });
+    let neighbours = neighbours(temperatures.collect());
     let asks = if dialect.local && dialect.zone.is_none() { vec!["zone".to_owned()] } else { Vec::new() };
-    let neighbours = neighbours(body, asked, &rooms);
     Ok(FileReading {
         dialect,
         asks,
@@ -188,63 +179,59 @@ pub fn read_file(body: &[u8], asked: &DialectAsked) -> Result<FileReading, Vec<F
     })
 }
 
+/// The time of a row below the last one. A local time without a zone is one that waits for an answer.
+fn next_time(stamp: &str, last: Option<i64>) -> Result<i64, &'static str> {
+    let read = match read_stamp(stamp) {
+        Err(BadStamp::Naive) => read_stamp(&in_utc(stamp)),
+        other => other,
+    };
+    let time = read.map_err(BadStamp::reason)?;
+    order(last, time).map(|()| time)
+}
+
 fn note(rejected: &mut Vec<RejectedRows>, reason: &str, line: u64) {
-    if let Some(known) = rejected.iter_mut().find(|known| known.reason == reason) {
-        known.count += 1;
-    } else if rejected.len() < MOST_REASONS {
-        rejected.push(RejectedRows { reason: reason.to_owned(), count: 1, line });
+    match rejected.iter_mut().find(|known| known.reason == reason) {
+        Some(known) => known.count += 1,
+        None => rejected.push(RejectedRows { reason: reason.to_owned(), count: 1, line }),
     }
 }
 
 /// A column by itself: its channel by name, its unit by header or values.
-fn column_reading(header: &ColumnHeader, values: &[Option<f64>]) -> ColumnReading {
+fn column_reading(header: &ColumnHeader, raw: &RawColumn, rows: usize) -> ColumnReading {
     let known = ChannelKind::of_name(&header.channel).map(|_| header.channel.clone());
     let channel = known.or_else(|| words::meaning(&header.column).map(str::to_owned));
     let kind = channel.as_deref().and_then(ChannelKind::of_name);
-    let present = || values.iter().flatten().copied();
     let (unit, stated) = match (&header.unit, &kind) {
         (ColumnUnit::Stated(unit), _) => (unit.clone(), true),
-        (_, Some(kind)) => (unit_of(kind, channel.as_deref().unwrap_or_default(), values), false),
+        (_, Some(kind)) => {
+            let found = kind.unit_that_explains(channel.as_deref().unwrap_or_default(), &raw.values);
+            (found.unwrap_or(&kind.unit).to_owned(), false)
+        }
         (_, None) => ("-".to_owned(), false),
     };
     // A name that says heat, in a unit of temperature, is none of power.
     let fits = kind.as_ref().is_none_or(|kind| {
         Unit::parse(&unit).ok().zip(Unit::parse(&kind.unit).ok()).is_some_and(|(a, b)| a.same_dimension(&b))
     });
-    let is_warmth = || ChannelKind::of_unit(&unit).unit == "degC" || unit == "degF" || unit == "K";
     let channel = match channel.filter(|_| fits) {
         Some(channel) => Some(channel),
-        None if stated && is_warmth() => Some("T_room".to_owned()),
+        None if stated && is_temperature(&unit) => Some("T_room".to_owned()),
         None => None,
     };
+    let value = |row: u32| raw.rows.binary_search(&row).ok().map(|at| raw.values[at]);
     ColumnReading {
         column: header.column.clone(),
         channel,
         unit,
         stated,
         room: None,
-        samples: present().count(),
-        complete: present().count() as f64 / values.len().max(1) as f64,
-        min: present().min_by(f64::total_cmp),
-        max: present().max_by(f64::total_cmp),
-        first: values.iter().take(SHOWN).copied().collect(),
+        samples: raw.values.len(),
+        odd: raw.odd(),
+        complete: raw.values.len() as f64 / rows.max(1) as f64,
+        min: raw.values.iter().copied().min_by(f64::total_cmp),
+        max: raw.values.iter().copied().max_by(f64::total_cmp),
+        first: (0..rows.min(SHOWN) as u32).map(value).collect(),
     }
-}
-
-/// The unit of a channel that explains nearly all values: its own, or one that is commonly mistaken for it.
-fn unit_of(kind: &ChannelKind, channel: &str, values: &[Option<f64>]) -> String {
-    let count = values.iter().flatten().count() as f64;
-    let explains = |unit: &&str| {
-        let Some((from, to)) = Unit::parse(unit).ok().zip(Unit::parse(&kind.unit).ok()) else { return false };
-        let usual = |value: f64| kind.usual_limit(channel).is_none_or(|limit| value.abs() <= limit);
-        let is_fine = |value: &&f64| {
-            from.convert(&to, **value).is_some_and(|value| kind.is_plausible(value) && usual(value))
-        };
-        values.iter().flatten().filter(is_fine).count() as f64 >= EXPLAINED * count
-    };
-    let own = [kind.unit.as_str()];
-    let found = own.into_iter().chain(kind.mistaken_units().iter().copied()).find(explains);
-    found.unwrap_or(&kind.unit).to_owned()
 }
 
 /// The rooms of a file with several temperatures of rooms. One that has `T_room` itself is a file of one
@@ -254,9 +241,9 @@ fn rooms(headers: &[&ColumnHeader]) -> Vec<ProposedRoom> {
         return Vec::new();
     }
     let is_room = |header: &&&ColumnHeader| {
-        let by_name = header.channel.strip_prefix("T_room_").is_some();
+        let by_name = header.channel.starts_with(ROOM);
         let is_warmth = match &header.unit {
-            ColumnUnit::Stated(unit) => ["degC", "degF", "K"].contains(&unit.as_str()),
+            ColumnUnit::Stated(unit) => is_temperature(unit),
             _ => true,
         };
         by_name
@@ -290,21 +277,27 @@ fn capital(text: &str) -> String {
 /// Gives columns to the rooms whose words are in their names; what a room, or all, has already is given to
 /// nothing.
 fn assign(columns: &mut [ColumnReading], rooms: &[ProposedRoom]) {
+    let labels: Vec<Vec<String>> = rooms.iter().map(|room| words::words(&room.label)).collect();
     let mut taken: Vec<(Option<String>, String)> = Vec::new();
     for column in columns.iter_mut() {
         let own = words::words(&column.column);
-        let of_room = |room: &&ProposedRoom| {
-            room.column == column.column
-                || words::words(&room.label).iter().all(|word| {
-                    // Digits must be whole: room 1 is not room 11.
-                    let is_number = word.parse::<u32>().is_ok();
-                    own.iter().any(|other| other == word || (!is_number && other.starts_with(word.as_str())))
-                })
+        let is_in = |label: &&[String]| {
+            label.iter().all(|word| {
+                // Digits must be whole: room 1 is not room 11.
+                let is_number = word.parse::<u32>().is_ok();
+                own.iter().any(|other| other == word || (!is_number && other.starts_with(word.as_str())))
+            })
         };
-        column.room = rooms.iter().find(of_room).map(|room| room.id.clone());
+        // The name that says most: what is in `bath guests` is not in `bath`.
+        let named = || {
+            let all = rooms.iter().zip(labels.iter().map(Vec::as_slice));
+            let fitting = all.filter(|(_, label)| is_in(label));
+            fitting.min_by_key(|(_, label)| std::cmp::Reverse(label.len())).map(|(room, _)| room)
+        };
+        let made = rooms.iter().find(|room| room.column == column.column);
+        column.room = made.or_else(named).map(|room| room.id.clone());
         if !rooms.is_empty() && column.channel.as_deref().is_some_and(|name| name.starts_with("T_room")) {
-            let is_its = rooms.iter().any(|room| room.column == column.column);
-            column.channel = is_its.then(|| "T_room".to_owned());
+            column.channel = made.map(|_| "T_room".to_owned());
         }
         if let Some(channel) = &column.channel {
             let place = (column.room.clone(), channel.clone());
@@ -317,21 +310,25 @@ fn assign(columns: &mut [ColumnReading], rooms: &[ProposedRoom]) {
     }
 }
 
+/// The temperature of a room; nothing where its column has none in this unit.
+fn temperature(id: &str, unit: &str, raw: &RawColumn, times: &[i64]) -> Option<Series> {
+    let channel = format!("{ROOM}{id}");
+    let kind = ChannelKind::of_name(&channel)?;
+    let (from, to) = Unit::parse(unit).ok().zip(Unit::parse(&kind.unit).ok())?;
+    let value = |(row, value): (&u32, &f64)| {
+        let value = from.convert(&to, *value).filter(|value| kind.is_plausible(*value))?;
+        Some((times[*row as usize], value))
+    };
+    let (times, values) = raw.rows.iter().zip(&raw.values).filter_map(value).unzip();
+    Series::new(&channel, &kind.unit, kind.hold, times, values).ok()
+}
+
 /// Pairs of rooms whose temperatures move together, at most so many for a room; none where too little says
 /// so.
-fn neighbours(body: &[u8], asked: &DialectAsked, rooms: &[ProposedRoom]) -> Vec<ProposedNeighbours> {
-    let only = rooms.iter().map(|room| room.column.clone()).collect();
-    let zone = asked.zone.clone().or_else(|| Some("UTC".to_owned()));
-    let asked = DialectAsked { only: Some(only), zone, ..asked.clone() };
-    let read = || {
-        let found = recognise(body, &asked).ok()?;
-        let mut bindings = ColumnBindings::none();
-        rooms.iter().for_each(|room| bindings.bind(format!("T_room_{}", room.id), room.column.clone()));
-        let (window, _) = Window::parse_csv(&found.text, &bindings).ok()?;
-        propose_layout(&window).ok()
-    };
-    let Some(layout) = (rooms.len() > 1).then(read).flatten() else { return Vec::new() };
-    let id = |sensor: usize| layout.sensors[sensor].channel["T_room_".len()..].to_owned();
+fn neighbours(temperatures: Vec<Series>) -> Vec<ProposedNeighbours> {
+    let layout = Window::from_series(temperatures).and_then(|window| propose_layout(&window));
+    let Ok(layout) = layout else { return Vec::new() };
+    let id = |sensor: usize| layout.sensors[sensor].channel[ROOM.len()..].to_owned();
     let mut pairs: Vec<ProposedNeighbours> = (0..layout.sensors.len())
         .flat_map(|a| (0..a).map(move |b| (a, b)))
         .filter_map(|(a, b)| {
@@ -388,6 +385,52 @@ mod tests {
             ]
         );
         assert_eq!((reading.rows, reading.asks.len()), (2, 0));
+    }
+
+    #[test]
+    fn rooms_keep_their_columns_where_one_name_is_a_part_of_another() {
+        let reading = read(
+            "time,Bad Temperatur,Bad Gäste Temperatur,Bad Gäste Ventil,Bad Ventil\n\
+            2026-01-01T00:00:00Z,21,20,0.5,0.4\n",
+        );
+        let rooms: Vec<_> =
+            channels(&reading).into_iter().map(|(_, channel, _, room)| (channel, room)).collect();
+        assert_eq!(
+            rooms,
+            [
+                (Some("T_room"), Some("bad")),
+                (Some("T_room"), Some("bad_gaeste")),
+                (Some("valve"), Some("bad_gaeste")),
+                (Some("valve"), Some("bad")),
+            ]
+        );
+    }
+
+    #[test]
+    fn one_bad_room_leaves_the_others_their_neighbours() {
+        let row = |hour: i64| {
+            let (day, warm) = (hour / 24, 20.0 + (hour as f64 / 3.0).sin() + (hour as f64 / 50.0).sin());
+            let stamp = format!("{:02}.01.2026 {:02}:00", day + 1, hour % 24);
+            format!("{stamp};{warm:.2};{:.2};{}\n", warm + 1.0, if hour % 2 == 0 { "-" } else { "kaputt" })
+        };
+        let rows: String = (0..10 * 24).map(row).collect();
+        let head = "Zeit;Bad Temperatur;Flur Temperatur;Keller Temperatur";
+        let reading = read_file(format!("{head}\n{rows}").as_bytes(), &DialectAsked::default()).unwrap();
+        assert_eq!(reading.asks, ["zone"]);
+        assert_eq!((reading.columns[2].samples, reading.columns[2].odd), (0, 120));
+        let pairs: Vec<&[String; 2]> = reading.neighbours.iter().map(|pair| &pair.rooms).collect();
+        assert_eq!(pairs, [&["bad".to_owned(), "flur".to_owned()]]);
+    }
+
+    #[test]
+    fn rejected_rows_are_those_of_an_upload() {
+        let good: String = (10..40).map(|minute| format!("2026-01-01T00:{minute}:00Z,21\n")).collect();
+        let text = format!("time,T_room\n\n{good}2026-01-01T00:39:00Z,21\n2026-01-01T00:40:00Z\n");
+        let found: Vec<_> = read(&text).rejected.into_iter().map(|rows| (rows.line, rows.reason)).collect();
+        let (_, report) = Window::parse_csv(&text, &crate::data::ColumnBindings::none()).unwrap();
+        let wanted: Vec<_> = report.rejected_rows.into_iter().map(|row| (row.line, row.reason)).collect();
+        assert_eq!(found, wanted);
+        assert_eq!(found.len(), 2);
     }
 
     #[test]

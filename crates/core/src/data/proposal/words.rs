@@ -7,6 +7,7 @@ const MEANINGS: [(&str, &[&str]); 20] = [
     ("RH_out", &["aussenfeuchte", "außenfeuchte", "outdoor humidity", "rh out"]),
     ("RH_room", &["feuchte", "humidity", "rh ", "hygro", "vocht"]),
     ("CO2", &["co2"]),
+    ("window_open", &["fenster", "window", "raam", "fenetre"]),
     ("wind_direction", &["windrichtung", "wind dir", "windrichting"]),
     ("wind_speed", &["wind", "vent vitesse"]),
     ("cloud_cover", &["wolken", "bewölk", "bewoelk", "cloud", "bewolking"]),
@@ -14,7 +15,6 @@ const MEANINGS: [(&str, &[&str]); 20] = [
         "irradiance",
         &["strahlung", "irradiance", "ghi", "solar", "globalstr", "sonne", "zonnestr", "rayonnement"],
     ),
-    ("window_open", &["fenster", "window", "raam", "fenetre"]),
     ("occupancy", &["anwesen", "präsenz", "praesenz", "presence", "occup", "belegung", "bezetting"]),
     ("valve", &["ventil", "valve", "klep", "vanne"]),
     ("flow", &["durchfluss", "volumenstrom", "debiet", "debit", "flow rate", "massenstrom"]),
@@ -52,6 +52,9 @@ const MEANINGS: [(&str, &[&str]); 20] = [
     ("P_heater", &["leistung", "power", "puissance", "vermogen"]),
 ];
 
+/// The beginning of what airs a room, which is no valve.
+const AIRING: &str = "ventilat";
+
 /// Words that say nothing of the room in which something is measured.
 const GENERAL: [&str; 22] = [
     "temperatur",
@@ -87,7 +90,7 @@ pub(super) fn words(name: &str) -> Vec<String> {
 
 /// The channel that a name means.
 pub(super) fn meaning(name: &str) -> Option<&'static str> {
-    let text = format!("{} ", words(name).join(" "));
+    let text = format!("{} ", words(name).join(" ")).replace(AIRING, "");
     let means = |parts: &&[&str]| parts.iter().any(|part| text.contains(part));
     MEANINGS.iter().find(|(_, parts)| means(parts)).map(|(channel, _)| *channel)
 }
@@ -123,4 +126,21 @@ pub(super) fn slug(words: &[String]) -> String {
     }
     text.truncate(40);
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_part_leads_to_its_own_channel() {
+        for (channel, parts) in MEANINGS {
+            for part in parts {
+                assert_eq!(meaning(part), Some(channel), "{part}");
+            }
+        }
+        assert_eq!(meaning("Window kitchen"), Some("window_open"));
+        assert_eq!(meaning("Ventilation"), None);
+        assert_eq!(meaning("Heizventil Bad"), Some("valve"));
+    }
 }

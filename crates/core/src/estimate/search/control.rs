@@ -1,8 +1,8 @@
 //! The caller's hands on a running search: how far it has come, whether it is to end, and why there is no
 //! fit.
 
-use super::pace::Plan;
 use crate::interrupt::Interrupt;
+use crate::pace::Plan;
 use indexmap::IndexMap;
 use serde::Serialize;
 use std::sync::Arc;

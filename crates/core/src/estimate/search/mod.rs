@@ -9,4 +9,3 @@
 
 pub mod control;
 pub(super) mod drive;
-pub mod pace;

@@ -11,7 +11,7 @@ use lampyris_core::fault::{Fault, nearest};
 use lampyris_core::model::document::ModelDocument;
 use lampyris_core::model::plant::PlantSpec;
 use lampyris_core::model::spec::{
-    CompositionSpec, Definition, EffectSpec, InputSpec, ModelSpec, ParameterSpec,
+    CompositionSpec, Definition, EffectSpec, InputSpec, ModelSpec, ParameterSpec, clear_quantities,
 };
 use lampyris_core::model::{Bindings, Catalogue, Model, ModelId, compile};
 use serde::{Deserialize, Serialize};
@@ -446,12 +446,14 @@ fn make_version(
     }
     let model =
         compiled(&extended, &id).map_err(|faults| faults.into_iter().map(at_effect).collect::<Vec<_>>())?;
+    // A version that is kept is compared with what is posted again.
+    let mut parameters = spec.parameters;
+    clear_quantities(&mut parameters);
     let diff = ModelDiff {
         effect: name,
         title: spec.title,
         inputs: spec.inputs,
-        // A version that is kept is compared with what is posted again.
-        parameters: spec.parameters.into_iter().map(|(name, spec)| (name, spec.without_quantity())).collect(),
+        parameters,
         terms: spec.terms,
         outputs: spec.outputs,
         define: spec.define,

@@ -16,7 +16,7 @@ use crate::store::windows::{self, Rebuilt, WindowDeletion, WindowRecord};
 use jiff::Timestamp;
 use lampyris_core::data::{
     ChannelKind, ColumnBindings, ColumnHeader, ColumnRole, DAY, DialectAsked, FileReading, SystemId, Window,
-    WindowDocument, WindowParts, WindowReport, read_file, recognise, rfc3339,
+    WindowDocument, WindowParts, WindowReport, csv_headers, read_file, recognise, rfc3339,
 };
 use lampyris_core::fault::Fault;
 use lampyris_core::units::Unit;
@@ -353,7 +353,7 @@ pub(super) fn read_parts(
     let found = recognise(body, &asked.dialect).map_err(ServiceError::Faults)?;
     let mut parts = with_absent(
         bindings,
-        || csv_columns(&found.text),
+        || csv_headers(&found.text),
         |bindings| WindowParts::parse_csv(&found.text, bindings, role).map_err(ServiceError::Faults),
     )?;
     if let Some(summary) = found.dialect.and_then(|dialect| dialect.summary()) {
@@ -415,15 +415,7 @@ fn unreadable(
     }
 }
 
-/// The columns of a CSV that is well-formed enough to have some.
-fn csv_columns(text: &str) -> Vec<ColumnHeader> {
-    let line =
-        text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
-    let cells = line.split([',', ';', '\t']);
-    cells.map(|cell| ColumnHeader::parse(cell.trim().trim_matches('"'))).collect()
-}
-
-/// Those of a JSON window.
+/// The columns of a JSON window.
 fn json_columns(body: &[u8]) -> Vec<ColumnHeader> {
     let document: Value = serde_json::from_slice(body).unwrap_or_default();
     let values = document.get("values").and_then(Value::as_object);

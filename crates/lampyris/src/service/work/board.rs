@@ -6,7 +6,8 @@ use super::progress::ProgressReport;
 use crate::service::changes::events::JobChange;
 use crate::store::jobs::{JobKind, JobRecord, Lease};
 use indexmap::IndexMap;
-use lampyris_core::estimate::{Pace, Progress, Trials};
+use lampyris_core::estimate::{Progress, Trials};
+use lampyris_core::pace::Pace;
 use serde_json::Value;
 use std::collections::HashMap;
 use std::pin::pin;
@@ -218,7 +219,7 @@ impl Running {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lampyris_core::estimate::{Plan, WorkStage};
+    use lampyris_core::pace::{Plan, WorkStage};
 
     fn running(told_before: Duration) -> Live {
         let lease = Lease { job: "job_1".into(), boot: 1, attempt: 1 };
