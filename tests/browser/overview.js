@@ -30,6 +30,12 @@ export async function overview(chrome, binary) {
       await line.click();
       await systems(page).nth(40).waitFor();
       holds(page.url().includes('open='), 'what is open is not in the address');
+      // Enter on a button is that button's, and of a row it opens the system.
+      await page.getByRole('button', { name: 'Compact rows' }).focus();
+      await page.keyboard.press('Enter');
+      await page.locator('table.compact').waitFor();
+      holds(!page.url().includes('/systems/'), `Enter on a button has left the page for ${page.url()}`);
+      await page.getByRole('button', { name: 'Compact rows' }).press('Enter');
       await page.getByText(`lines 1 to 50 of ${ROOMS + 2}`).first().waitFor();
     });
 

@@ -142,7 +142,11 @@ function Systems({ rows, complete, running, schedules, query }) {
     k: ['row before', () => move(-1)],
     Enter: [
       null,
-      () => (document.activeElement?.closest('a, button, summary') ?? null)?.click() ?? (current?.system && go(systemAddress(current.system))),
+      () => {
+        const focused = document.activeElement?.closest('a, button, summary');
+        if (focused) focused.click();
+        else if (current?.system) go(systemAddress(current.system));
+      },
     ],
     x: ['select the row', () => current && (current.head ? choose(current.rows.map(row => row.system)) : toggle(current.system))],
     r: ['refit what is selected, or the row', () => refit(chosen.size ? [...chosen] : current?.system ? [current.system] : [])],
