@@ -1,6 +1,8 @@
 // Numbers, times and lengths of time as people read them.
 
 export const NONE = '–';
+/** The unit of errors that count several outputs together, each in the noise of its sensor. */
+export const NOISE = '× noise';
 
 /** A number with three significant figures, or a dash. */
 export function number(value, figures = 3) {

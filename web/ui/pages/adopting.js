@@ -162,7 +162,7 @@ export function Adopting({ start, changed, close }) {
       while (left.current.length > 0) {
         const room = left.current.shift();
         await adopt(room, change => note(room, change), abort.signal);
-        changed();
+        changed(room.system);
       }
     };
     const waits = setTimeout(() => setElsewhere(true), ELSEWHERE_MS);

@@ -10,8 +10,6 @@ import { Table } from '../parts/table.js';
 import { Shown } from '../parts/screens.js';
 import { batchName, grouped, standing, Standings } from '../parts/batches.js';
 
-/** About what a batch says of a system, in bytes. */
-const BYTES_PER_SYSTEM = 400;
 /** As many systems of a group are shown; the others on demand. */
 const SHOWN = 12;
 const REFUSED = ['rejected', 'held', 'failed'];
@@ -20,13 +18,13 @@ export function BatchPage({ id }) {
   const batch = useResource(`/batches/${id}`);
   // Events say how a job stands; why the gate decided so is read again now and then, and in the end.
   const [heard, setHeard] = useState({});
-  const readAgain = usePaced(batch.reload);
+  const readAgain = usePaced(batch);
   const now = batch.data && { ...batch.data, jobs: batch.data.jobs.map(row => latest(row, heard[row.job])) };
   useEvents((kind, data) => {
     if (!['queued', 'started', 'finished'].includes(kind) || !now?.jobs.some(row => row.job === data.id)) return;
     setHeard(before => ({ ...before, [data.id]: data }));
     const left = now.jobs.filter(row => row.job !== data.id && !hasEnded(row)).length;
-    readAgain(left === 0 && kind === 'finished' ? 0 : now.jobs.length * BYTES_PER_SYSTEM);
+    readAgain(left === 0 && kind === 'finished');
   });
   return html`<${Shown} of=${batch} what="the batch" show=${() => html`<${Batch} data=${now} />`} />`;
 }

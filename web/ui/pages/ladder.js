@@ -3,7 +3,7 @@ import { html, useState } from '../html.js';
 import { useResource, useList, post } from '../api.js';
 import { hasEnded } from '../events.js';
 import { sayFault } from '../say.js';
-import { number, fixed, horizon, clock, plainly } from '../format.js';
+import { number, fixed, horizon, clock, plainly, NOISE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Status } from '../parts/status.js';
 import { Empty, Failed, Loading } from '../parts/screens.js';
@@ -11,8 +11,6 @@ import { JobWatch } from '../parts/watch.js';
 import { Table } from '../parts/table.js';
 import { useAdoption, grownFrom } from '../parts/adopt.js';
 import { LadderChart } from '../charts/ladder.js';
-
-const NOISE = '× noise';
 
 export function LadderTab({ system, document, reload, changed }) {
   const path = `/systems/${system}/ladder`;

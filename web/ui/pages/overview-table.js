@@ -5,7 +5,7 @@ import { NONE, length, fixed, fromNow, clock, horizon, plainly, words } from '..
 import { Status, Flags } from '../parts/status.js';
 import { Spark } from '../charts/spark.js';
 import { SEVERITY } from '../systems.js';
-import { COLUMNS, toggledIn } from './overview-view.js';
+import { COLUMNS, placeOf, toggledIn } from './overview-view.js';
 
 /** A text whose long names may be broken at their underscores. */
 const breakable = text => text.split(/(?<=_)/).map((part, at) => (at ? html`<wbr />${part}` : part));
@@ -71,7 +71,7 @@ function TrendCell({ row }) {
 
 function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regroup, run }) {
   const is = running ?? { queued: 'waits', running: 'runs' }[row.latest_state];
-  const group = row.group || row.kind;
+  const group = placeOf(row);
   return html`<tr role="row" class=${chosen ? 'chosen' : ''} aria-current=${current ? 'true' : null}>
     <td role="cell"><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen} onChange=${() => toggle(row.system)} /></td>
     <th role="rowheader" scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(row.system)}>${row.system}</a><small
