@@ -1,6 +1,6 @@
 // The measurements of a system: what is there, what was refused, and what is kept out of training.
 import { html, useState, useMemo } from '../html.js';
-import { useResource, useList, ask, put, withQuery } from '../api.js';
+import { useResource, useList, ask, putSystem, withQuery } from '../api.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { number, clock, length, seconds, instant, NONE } from '../format.js';
@@ -123,10 +123,9 @@ function Exclusions({ system, document, query, zone, reload, changed }) {
   const [draft, setDraft] = useState({ from: query.from ?? '', to: query.to ?? '', reason: '' });
   const [error, setError] = useState(null);
   const save = async exclude => {
-    const { system: _, ...rest } = document;
     setError(null);
     try {
-      changed(await put(`/systems/${system}`, { ...rest, exclude }, { seen: document }));
+      changed(await putSystem(document, { ...document, exclude }));
       say('Exclusions are saved');
       return true;
     } catch (fault) {

@@ -9,7 +9,8 @@ import { Status } from '../parts/status.js';
 import { Empty, Failed, Loading } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Table } from '../parts/table.js';
-import { useAdoption, grownFrom } from '../parts/adopt.js';
+import { useAdoption } from '../parts/adopt.js';
+import { grownFrom } from '../parts/experiment.js';
 import { LadderChart } from '../charts/ladder.js';
 
 export function LadderTab({ system, document, reload, changed }) {

@@ -1,6 +1,6 @@
 // Which rooms are next door, proposed from how alike their temperatures move; what is right is taken over.
 import { html, useState } from '../html.js';
-import { ask, every, put, useList, useResource, curl } from '../api.js';
+import { ask, every, putSystem, useList, useResource, curl } from '../api.js';
 import { setQuery, systemAddress } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { clock, instant, length, seconds, withUnit } from '../format.js';
@@ -85,9 +85,9 @@ function Proposal({ beside, range, rooms, csv, layout, documents: read, without 
   const taken = document => setDocuments(before => ({ ...before, [document.system]: document }));
   const add = async (system, neighbour) => {
     setRefused(null);
-    const { system: _, ...body } = documents[system];
+    const seen = documents[system];
     try {
-      taken(await put(`/systems/${system}`, { ...body, neighbours: [...body.neighbours, neighbour] }, { seen: documents[system] }));
+      taken(await putSystem(seen, { ...seen, neighbours: [...seen.neighbours, neighbour] }));
       say(`${neighbour} is a neighbour of ${system}`);
     } catch (fault) {
       setRefused({ fault, system });

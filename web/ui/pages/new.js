@@ -6,7 +6,7 @@ import { say, sayFault } from '../say.js';
 import { Columns, Drop, HowRead, bindingsOf, saidOf, useReading } from '../parts/reading.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
-import { Failed, NotSaved } from '../parts/screens.js';
+import { NotSaved } from '../parts/screens.js';
 
 const KIND = 'room';
 /** Of so many rooms every pair is shown; of more only those that move together. */
@@ -115,8 +115,8 @@ function Rooms({ reading, proposed, models }) {
     <details><summary>Columns: ${columns.filter(({ use }) => use).length} of ${columns.length} are used</summary><${Columns} of=${reading}
       rooms=${several ? rooms.map((room, at) => ({ id: proposed[at].id, label: named[room.id] })) : null} /></details>
     ${made.length > 0 && html`<p><${Status} of="ok" label=${`${made.length} of ${used.length} are there`} /></p>`}
-    ${error && (error.type === 'not-as-expected' ? html`<${NotSaved} error=${error}><p>There is a system of that name already, and nothing of it was changed. Choose another
-      name.</p></${NotSaved}>` : html`<${Failed} error=${error} />`)}
+    ${error && html`<${NotSaved} error=${error}><p>There is a system of that name already, and nothing of it was changed. Choose another
+      name.</p></${NotSaved}>`}
     <p class="row end"><button class="main" disabled=${busy || used.length === 0}>${several ? `Add ${used.length} rooms with their measurements` : 'Add it with its measurements'}</button></p>
   </form>`;
 }

@@ -1,6 +1,6 @@
 // The values, how sure they are, where their bounds lie; and what may be decided about them.
 import { html, useState } from '../html.js';
-import { useResource, useList, post, put, remove } from '../api.js';
+import { useResource, useList, put, remove } from '../api.js';
 import { REPORT } from '../carried.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
@@ -12,7 +12,7 @@ import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
 import { Equations, Typeset } from '../parts/equations.js';
 import { Shown, Empty } from '../parts/screens.js';
-import { Reason } from '../parts/dialog.js';
+import { decision, Reason } from '../parts/dialog.js';
 import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
 import { Correlations, isOf } from './correlations.js';
@@ -136,17 +136,7 @@ function OfRevisions({ name, history, unit }) {
 export function Judgement({ fit, ask: asking, done }) {
   const titles = useTitles(fit.model);
   const summary = plainly(fit.summary, { titles });
-  const decide = (word, title) => () =>
-    asking({
-      title,
-      text: `${fit.model}, ${summary}`,
-      word: title.split(' ')[0],
-      act: reason =>
-        post(`/fits/${fit.id}/${word}`, { reason }).then(() => {
-          say(`${title}: done`);
-          done();
-        }),
-    });
+  const decide = (word, title) => () => asking(decision(fit, word, { title, text: `${fit.model}, ${summary}`, done }));
   return html`<section>
     <div class="row apart"><h2>What the <${Term} of="gate">gate</${Term}> says: <${Verdict} fit=${fit} /></h2>
       ${fit.waits_for_operator && html`<span class="row"><button class="main"

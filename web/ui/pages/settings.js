@@ -1,6 +1,6 @@
 // What a system is: its model, where it stands, and what may happen to its parameters without a person.
 import { html, useState } from '../html.js';
-import { ask, useList, put } from '../api.js';
+import { ask, useList, putSystem } from '../api.js';
 import { address } from '../router.js';
 import { differences, onto } from '../merge.js';
 import { say } from '../say.js';
@@ -35,8 +35,7 @@ export function Settings({ system, document, changed }) {
     event.preventDefault();
     setError(null);
     try {
-      const { system: _, ...body } = draft;
-      const saved = await put(`/systems/${system}`, body, { seen: base });
+      const saved = await putSystem(base, draft);
       say(`${system} is changed`);
       setBase(saved);
       // What was written while it was sent stays.
