@@ -208,7 +208,7 @@ export function Adopting({ start, changed, close }) {
     ${!isDone && html`<progress max=${rooms.length} value=${done} aria-label="Rooms that are done"></progress>`}
     <p role="status">${isDone ? html`<${Status} of="ok" label=${summaryOf(start.title, rooms)} />` : `${done} of ${rooms.length} rooms are done.`}</p>
     <${Table} caption="Room by room" columns=${[['room'], ['how far'], ['before', 'number'], ['after', 'number'], ['why']]}
-      rows=${rooms.map(room => [
+      keys=${rooms.map(room => room.system)} rows=${rooms.map(room => [
         html`<a href=${systemAddress(room.system, 'missing')}>${room.system}</a>`,
         html`<${Status} of=${STATES[room.state][0]} label=${STATES[room.state][1]} />`,
         error(room.before, room.unit),

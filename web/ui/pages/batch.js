@@ -52,7 +52,7 @@ function Batch({ data }) {
 /** Equal reasons together, with the systems that they were given to. */
 const Reasons = ({ caption, rows }) =>
   html`<${Table} caption=${caption} columns=${[['how'], ['systems', 'number'], ['why'], ['which']]}
-    rows=${grouped(rows).map(({ word, reason, example, systems }) => [
+    keys=${grouped(rows).map(({ key }) => key)} rows=${grouped(rows).map(({ word, reason, example, systems }) => [
       short(word, word === 'none' ? 'left out' : word === 'rejected' ? 'refused' : words(word)),
       systems.length,
       html`${reason && html`<b>${reason}</b>, such as: `}${example}`,
@@ -72,7 +72,7 @@ const jobLink = ({ job }) => html`<a href=${address(['jobs', job])}>${job.slice(
 
 const Fits = ({ jobs }) =>
   html`<${Table} caption="Systems" hidden columns=${[['system'], ['state'], ['outcome'], ['error against before', 'number'], ['why'], ['job']]}
-    rows=${jobs.map(row => [
+    keys=${jobs.map(row => row.job)} rows=${jobs.map(row => [
       html`<a class="nowrap" href=${systemAddress(row.system)}>${row.system}</a>`,
       short(row.state),
       row.outcome ? short(row.outcome) : NONE,
@@ -102,10 +102,10 @@ function Diagnoses({ data: { jobs, diagnosed } }) {
     ${groups.length > 0 && html`<${Table} caption="What is missing" columns=${[['what'], ['systems', 'number'], ['which']]}
       rows=${groups.map(([title, systems]) => [title, systems.length, list(systems)])} />`}
     <${Table} caption="Every system" columns=${[['system'], ['state'], ['verdict'], ['why'], ['job']]}
-      rows=${jobs.map(row => [
+      keys=${jobs.map(row => row.job)} rows=${jobs.map(row => [
         place(row.system),
         html`<${Status} of=${row.state} />`,
-        row.verdict ? html`<${Status} of=${row.verdict === 'named' ? 'attention' : row.verdict} label=${words(row.verdict)} />` : NONE,
+        row.verdict ? html`<${Status} of=${row.verdict} />` : NONE,
         row.why ?? NONE,
         jobLink(row),
       ])} />`;

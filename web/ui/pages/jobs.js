@@ -90,7 +90,7 @@ function Part({ name, title, of, rows, count, size, more, progress }) {
     <section class="queue"><h2>${title} <span class="quiet">${count ?? ''}</span></h2>
     <${Table} caption=${title} hidden columns=${[['job'], ['state'], ['kind'], ['system'], ['model'], ['why'], ['evaluations', 'number'],
       [name === 'running' ? 'time left' : 'took', 'number'], [name === 'ended' ? 'ended' : 'asked for'], ['']]}
-      rows=${shown.map(job => rowOf(job, progress[job.id]))} />
+      keys=${shown.map(job => job.id)} rows=${shown.map(job => rowOf(job, progress[job.id]))} />
     ${count > shown.length && more && html`<p class="row"><span class="quiet">${shown.length} of ${count} are shown.</span> ${size < MOST
       ? html`<button onClick=${more}>Show ${Math.min(STEP, count - shown.length)} more</button>`
       : html`<span class="quiet">The others are in <code>GET /jobs</code>.</span>`}</p>`}</section>`} />`;

@@ -91,7 +91,7 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
       <p class="verdict">${
         isOlder
           ? html`<${Status} of="unknown" label="" /> This was looked at with ${data.model}, ${changeOf(data, document.model)}`
-          : html`<${Status} of=${data.verdict === 'named' ? 'attention' : data.verdict} label="" /> ${SAYS[data.verdict]}`
+          : html`<${Status} of=${data.verdict} label="" /> ${SAYS[data.verdict]}`
       }</p>
       ${search && html`<button class=${isOlder ? 'main' : ''} onClick=${search}>Look again${isOlder ? ' with the present model' : ''}</button>`}
     </div>

@@ -46,7 +46,7 @@ export function Standings({ jobs }) {
   const rows = Object.keys(STANDS).filter(word => counts.has(word));
   return html`<${Table} caption="Systems by what became of them" columns=${[['what'], ['systems', 'number'], ['']]}
     rows=${rows.map(word => [
-      html`<${Status} of=${word === 'named' ? 'attention' : word} label=${STANDS[word]} />`,
+      html`<${Status} of=${word} label=${STANDS[word]} />`,
       counts.get(word),
       html`<span class="bar" style=${{ width: `${(LONGEST_BAR_REM * counts.get(word)) / most}rem` }}></span>`,
     ])} />`;
