@@ -126,6 +126,12 @@ export function horizon(text) {
   return [days && `${days} d`, hours && `${hours} h`, minutes && `${minutes} min`].filter(Boolean).join(' ');
 }
 
+/** The hours of `PT6H` or `P2D`. */
+export function hoursOf(text) {
+  const [, days, hours] = /^P(?:(\d+)D)?(?:T(\d+)H)?$/.exec(text) ?? [];
+  return 24 * Number(days ?? 0) + Number(hours ?? 0);
+}
+
 /** How a number lies to its limit. */
 export const operator = text => ({ '<=': '≤', '>=': '≥' })[text] ?? text;
 

@@ -25,6 +25,9 @@ function publish(change) {
   listeners.forEach(listener => listener(kept));
 }
 
+/** Whether somebody is to do something about a system. */
+export const needsSomebody = row => !['none', 'wait'].includes(row.next.code);
+
 /** A row with what is sorted and searched by. */
 function prepared(row) {
   const { quality } = row;
@@ -32,7 +35,7 @@ function prepared(row) {
   row.severity = SEVERITY[row.health];
   row.size = quality?.ahead ?? quality?.validation_rmse ?? null;
   // Where nothing is to be done, every system is by itself.
-  row.step = ['none', 'wait'].includes(row.next.code) ? row.system : `${row.health} ${row.next.code} ${row.next.text}`;
+  row.step = needsSomebody(row) ? `${row.health} ${row.next.code} ${row.next.text}` : row.system;
   row.text = [row.system, row.label, row.group, row.model, row.health, row.why, row.next.text, row.status, ...row.flags]
     .join(' ')
     .toLowerCase();

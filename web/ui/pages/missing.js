@@ -3,7 +3,7 @@ import { html, useState } from '../html.js';
 import { useResource, useList, post } from '../api.js';
 import { setQuery, address, systemAddress } from '../router.js';
 import { REPORT } from '../carried.js';
-import { hasEnded } from '../events.js';
+import { hasEnded, useAfterJobs } from '../events.js';
 import { sayFault } from '../say.js';
 import { number, percent, horizon, clock, signed, fixed, chance, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
@@ -34,6 +34,8 @@ export function Missing({ system, document, metrics, query, reload, changed }) {
   const id = query.diagnosis ?? (ofNow ?? diagnoses.data?.[0])?.id ?? null;
   const diagnosis = useResource(id && `/diagnoses/${id}`);
   const running = query.job ?? jobs.data?.find(job => !hasEnded(job))?.id ?? null;
+  // What is watched tells its end by itself.
+  useAfterJobs(running ? null : system, diagnoses, jobs);
   const search = () => post('/jobs', { kind: 'diagnose', system }).then(job => setQuery({ job: job.id }), sayFault);
   const found = job => {
     setQuery({ job: null, diagnosis: job.diagnosis, steps: null, adding: null });

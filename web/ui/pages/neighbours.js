@@ -1,6 +1,7 @@
 // Which rooms are next door, proposed from how alike their temperatures move; what is right is taken over.
 import { html, useState } from '../html.js';
-import { ask, every, putSystem, useList, useResource, curl } from '../api.js';
+import { ask, every, putSystem, useResource, curl } from '../api.js';
+import { useSystems } from '../systems.js';
 import { setQuery, systemAddress } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { clock, instant, length, seconds, withUnit } from '../format.js';
@@ -63,17 +64,17 @@ async function propose(path, { signal }) {
 }
 
 export function Neighbours({ query }) {
-  const systems = useList('/systems');
-  const named = query.system ?? systems.data?.find(row => row.system.startsWith('room/'))?.system ?? null;
+  const systems = useSystems();
+  const named = query.system ?? systems.rows?.find(row => row.system.startsWith('room/'))?.system ?? null;
   const proposal = useResource(named && `/systems/${named}`, { read: propose });
   const empty = html`<${Empty} title="No systems yet"><p>Rooms that are measured at the same time can be compared.</p></${Empty}>`;
   return html`
     <div class="row apart"><h1>Neighbours</h1>
       <label class="inline">Measured beside <select value=${named} onChange=${event => setQuery({ system: event.target.value })}>
-        ${(systems.data ?? []).map(({ system, label }) =>
+        ${(systems.rows ?? []).map(({ system, label }) =>
           html`<option value=${system} selected=${system === named}>${system}${label ? `, ${label}` : ''}</option>`)}</select></label></div>
     <p>Rooms next door warm each other. Where nobody has the plan of the building, their temperatures propose who is next to whom.</p>
-    <${Shown} of=${systems} what="the systems" empty=${empty} show=${() => html`
+    <${Shown} of=${{ ...systems, data: systems.rows }} what="the systems" empty=${empty} show=${() => html`
       <${Shown} of=${proposal} what="the temperatures of all rooms" show=${data =>
         data ? html`<${Proposal} key=${data.beside} ...${data} />` : html`<${Empty} title="Nothing to compare"><p>${named} has no measurements
           yet. Choose a room that was measured beside others.</p></${Empty}>`} />`} />`;

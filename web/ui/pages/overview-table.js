@@ -4,7 +4,7 @@ import { systemAddress, setQuery } from '../router.js';
 import { NONE, length, fixed, fromNow, clock, horizon, plainly, words } from '../format.js';
 import { Status, Flags } from '../parts/status.js';
 import { Spark } from '../charts/spark.js';
-import { SEVERITY } from '../systems.js';
+import { needsSomebody, SEVERITY } from '../systems.js';
 import { COLUMNS, placeOf, toggledIn } from './overview-view.js';
 
 /** A text whose long names may be broken at their underscores. */
@@ -79,7 +79,7 @@ function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regrou
       onClick=${() => setQuery({ in: group, page: null })}>${group}</button><button class="plain in" title="Change the group"
       aria-label=${`Change the group of ${row.system}`} onClick=${() => regroup([row])}>✎</button></small></th>
     <td role="cell" data-label="Health"><span class="nowrap"><${Status} of=${row.health} help="quiet" />${
-      !['none', 'wait'].includes(row.next.code) && html` <a class="next" href=${row.next.href}>${row.next.text}</a>`
+      needsSomebody(row) && html` <a class="next" href=${row.next.href}>${row.next.text}</a>`
     }</span><div class="why clamped" title=${row.why}>${breakable(plainly(row.why))}</div></td>
     <td role="cell" data-label="Served" class="nowrap"><${Status} of=${row.status ?? 'none'} help="quiet" /><small>
       ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
