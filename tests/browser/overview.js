@@ -1,17 +1,7 @@
 // The overview of many systems: grouped, sorted, searched, and left and found again as it was.
-import { ask, bare, holds, test } from './harness.js';
+import { ask, bare, fortnight, holds, test } from './harness.js';
 
 const ROOMS = 120;
-const HOURS = 24 * 14;
-
-/** Two weeks of a room that follows the day, and of the weather. */
-function fortnight() {
-  const rows = Array.from({ length: HOURS }, (_, hour) => {
-    const wave = Math.sin((hour / 12) * Math.PI);
-    return `${new Date(Date.UTC(2026, 0, 5, hour)).toISOString()},${(20 + 2 * wave).toFixed(2)},${(3 + 4 * wave).toFixed(2)}`;
-  });
-  return ['time,T_room[degC],T_out[degC]', ...rows].join('\n');
-}
 
 export async function overview(chrome, binary) {
   const { base, stop } = await bare(binary);

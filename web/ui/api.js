@@ -4,7 +4,7 @@ import { REPORT } from './carried.js';
 import { token, anotherToken } from './token.js';
 
 /** A problem document (RFC 9457), or no answer at all (status 0). */
-export class Problem extends Error {
+class Problem extends Error {
   constructor(status, document) {
     super(document.detail || document.title);
     this.status = status;

@@ -7,7 +7,7 @@ import { Frame } from '../parts/frame.js';
 import { Loading } from '../parts/screens.js';
 import { forecasts, outputIn } from '../parts/outputs.js';
 import { Curve } from '../charts/curve.js';
-import { linesOf } from './fit.js';
+import { linesOf } from '../charts/lines.js';
 
 const DAY_S = 24 * 3600;
 const POINTS = 400;

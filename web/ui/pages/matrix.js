@@ -1,7 +1,7 @@
 // Every effect beside every room: what is missing, what is suspected, what the data cannot show.
 import { html, useRef, useState } from '../html.js';
 import { address, systemAddress, setQuery } from '../router.js';
-import { fixed, number, NOISE, NONE } from '../format.js';
+import { fixed, number, sentence, NOISE, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Empty } from '../parts/screens.js';
 
@@ -94,7 +94,7 @@ function Lacked({ effect, rows, marked, adopt }) {
       lacking.map(row => ({ system: row.system, diagnosis: row.diagnosis, members: cellOf(row, effect.effect).members })),
     );
   return html`<li class="card ${marked ? 'marked' : ''}">
-    <div class="row apart"><p><b>${effect.title}.</b> ${effect.sentence[0].toUpperCase()}${effect.sentence.slice(1)}.
+    <div class="row apart"><p><b>${effect.title}.</b> ${sentence(effect.sentence)}.
       ${effect.total_saving > 0 && html` <span class="quiet">Together ${fixed(effect.total_saving)} ${effect.unit ?? NOISE}.</span>`}</p>
       <span class="row"><button class="plain" aria-pressed=${marked} aria-label=${`Mark ${effect.title}`} onClick=${() => setQuery({ effect: marked ? null : effect.effect })}>Mark</button>
         <a class="button" href=${address(['effects', effect.effect])} aria-label=${`What it is: ${effect.title}`}>What it is</a>

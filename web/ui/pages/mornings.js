@@ -6,6 +6,7 @@ import { useEvents } from '../events.js';
 import { usePaced } from '../pace.js';
 import { clock, fixed, horizon, number, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
+import { Linked } from '../parts/linked.js';
 import { Table } from '../parts/table.js';
 import { Command } from '../parts/frame.js';
 import { Shown, Empty } from '../parts/screens.js';
@@ -103,7 +104,6 @@ function Turn({ before, after }) {
 }
 
 function Names({ systems, tab, most = NAMED }) {
-  const shown = systems.slice(0, most);
-  const more = systems.length - shown.length;
-  return html`${shown.map((system, at) => html`${at > 0 ? ', ' : ''}<a href=${systemAddress(system, tab)}>${system}</a>`)}${more > 0 ? ` and ${more} more` : ''}`;
+  const more = systems.length - most;
+  return html`<${Linked} systems=${systems.slice(0, most)} to=${system => systemAddress(system, tab)} />${more > 0 ? ` and ${more} more` : ''}`;
 }

@@ -4,7 +4,7 @@ import { ask, every, putSystem, useResource, curl } from '../api.js';
 import { useSystems } from '../systems.js';
 import { setQuery, systemAddress } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { clock, instant, length, seconds, withUnit } from '../format.js';
+import { clock, instant, length, reading, seconds } from '../format.js';
 import { save, Frame } from '../parts/frame.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
@@ -17,8 +17,7 @@ const MOST_POINTS = 10_080;
 const SHOWN = 20;
 const CHANNEL = 'T_room';
 const FILE = 'temperatures.csv';
-/** A correlation has no unit. */
-const shown = correlation => withUnit(correlation, '').trim();
+const shown = correlation => reading(correlation, 2);
 const columnOf = system => `T_${system.replace('/', '_')}`;
 
 /** The temperatures of a system, `{system, column, time, values}`; or why it has none here, `{system, why}`. */

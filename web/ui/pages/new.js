@@ -6,6 +6,7 @@ import { say, sayFault } from '../say.js';
 import { Columns, Drop, HowRead, bindingsOf, saidOf, useReading } from '../parts/reading.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
+import { Linked } from '../parts/linked.js';
 import { NotSaved } from '../parts/screens.js';
 
 const KIND = 'room';
@@ -93,8 +94,8 @@ function Rooms({ reading, proposed, models }) {
   };
   const look = kind => post('/jobs', { kind, systems: made }).then(batch => go(address(['batches', batch.id])), sayFault);
   if (several && made.length > 0 && made.length === used.length)
-    return html`<div class="outcome"><p class="says">${made.length} rooms are there with their measurements: ${made.map((system, at) => html`${at ? ', ' : ''}<a
-      href=${systemAddress(system, 'data')}>${system}</a>`)}.</p>
+    return html`<div class="outcome"><p class="says">${made.length} rooms are there with their measurements: <${Linked} systems=${made}
+      to=${system => systemAddress(system, 'data')} />.</p>
       <p class="row"><button class="main" onClick=${() => look('diagnose')}>Find what is missing in all of them</button><button
         onClick=${() => look('recalibrate')}>Fit them for the controller</button></p></div>`;
   const named = Object.fromEntries(rooms.map(room => [room.id, room.label]));

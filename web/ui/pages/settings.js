@@ -50,7 +50,7 @@ export function Settings({ system, document, changed }) {
   const takeOver = async () => {
     try {
       const now = await ask(`/systems/${system}`);
-      setOthers(differences(base, now));
+      setOthers(differences(base, now).map(([path]) => path));
       setDraft(written => onto(now, base, written));
       setBase(now);
       setError(null);

@@ -2,7 +2,7 @@
 import { html, useState } from '../html.js';
 import { useResource, withQuery } from '../api.js';
 import { systemAddress } from '../router.js';
-import { number, signed, fixed, percent, clock } from '../format.js';
+import { number, signed, fixed, percent, clock, unitOf } from '../format.js';
 import { Status } from '../parts/status.js';
 import { decision, Reason } from '../parts/dialog.js';
 
@@ -58,7 +58,7 @@ function Changes({ fit, served }) {
   if (!found.data) return null;
   if (found.data.model !== served.model) return html`<p>It has another model than what is served, ${served.model}.</p>`;
   const changes = Object.entries(found.data.parameters)
-    .map(([name, { value, unit }]) => ({ name, unit: unit === '-' ? '' : ` ${unit}`, value, old: served.parameters[name] }))
+    .map(([name, { value, unit }]) => ({ name, unit: unitOf(unit) && ` ${unitOf(unit)}`, value, old: served.parameters[name] }))
     .filter(({ value, old }) => old !== undefined && old !== value)
     .sort((a, b) => shareOf(b) - shareOf(a))
     .slice(0, MOST_PARAMETERS);
