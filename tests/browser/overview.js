@@ -68,7 +68,7 @@ export async function overview(chrome, binary) {
 
     await test(chrome, 'a_group_is_changed_in_place', {}, async page => {
       await page.goto(`${base}/ui/?search=room%2F11`);
-      await page.getByLabel('Select all that are shown').check();
+      await page.getByLabel('Select all 11 that match').check();
       await page.getByRole('button', { name: 'Change the group of 11 selected' }).click();
       await page.getByLabel('Group', { exact: true }).fill('Annexe/');
       await page.getByRole('button', { name: 'Save', exact: true }).click();

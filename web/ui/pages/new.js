@@ -111,7 +111,7 @@ function Rooms({ reading, proposed, models }) {
       <p class="quiet">Rooms next door warm each other. Those that move together are marked; you know the plan better.</p>
       <ul>${pairs.map((pair, at) => html`<li><label class="inline"><input type="checkbox" checked=${pair.use}
         onChange=${event => changePair(at, { use: event.target.checked })} /> ${pair.rooms.map(id => original[id].label).join(' beside ')}${pair.correlation === null ? '' : `, correlation ${pair.correlation.toFixed(2)}`}</label></li>`)}</ul></details>`}
-    <label class="inline">Model <select aria-label="Model" value=${model} onChange=${event => setModel(event.target.value)}>
+    <label class="inline">Model <select value=${model} onChange=${event => setModel(event.target.value)}>
       ${models.map(({ id, title }) => html`<option value=${id} selected=${id === model}>${id}: ${title}</option>`)}</select></label>
     <details><summary>Columns: ${columns.filter(({ use }) => use).length} of ${columns.length} are used</summary><${Columns} of=${reading}
       rooms=${several ? rooms.map((room, at) => ({ id: proposed[at].id, label: named[room.id] })) : null} /></details>

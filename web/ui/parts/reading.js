@@ -114,7 +114,7 @@ export function Drop({ take }) {
     <p class="quiet">As it is: separators, decimal commas, dates and units are recognised, and shown before anything is kept.</p>
     <input ref=${file} class="unseen" type="file" accept=".csv,.txt,.tsv,text/csv" aria-label="CSV file" tabindex="-1"
       onChange=${event => event.target.files[0] && take(event.target.files[0])} />
-    <label>or paste its text<textarea rows="3" placeholder="time,T_room[degC],T_out[degC]" aria-label="CSV text" onPaste=${event => {
+    <label>or paste its text<textarea rows="3" placeholder="time,T_room[degC],T_out[degC]" onPaste=${event => {
       event.preventDefault();
       take(event.clipboardData.getData('text/plain'));
     }} onChange=${event => event.target.value.trim() && take(event.target.value)}></textarea></label>
@@ -138,7 +138,7 @@ export function HowRead({ of: reading }) {
   ].filter(Boolean);
   return html`<p>${number(rows)} rows from ${clock(from, zone ?? 'UTC')} to ${clock(to, zone ?? 'UTC')}. Read as ${ways.join(', ')}.</p>
     ${dialect.local &&
-      html`<label class="inline">Its times have no offset: they are of <select aria-label="Zone of the times" value=${zone}
+      html`<label class="inline">Its times have no offset: they are of <select value=${zone}
         onChange=${event => say({ zone: event.target.value })}>${[...new Set([zone, ...zoneNames()])].filter(Boolean).map(name => html`<option value=${name} selected=${name === zone}>${name}</option>`)}</select>
         ${isKnown ? 'as the system says' : 'as this browser says: is that right?'}</label>`}
     ${dates && order}
