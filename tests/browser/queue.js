@@ -49,6 +49,18 @@ export async function queue(chrome, binary) {
       await page.getByRole('table', { name: 'Left out, by reason' }).getByRole('link', { name: `room/${ROOMS}` }).waitFor();
       holds((await ask(base, `/batches/${id}`)).skipped.length === 1, 'another is left out');
     });
+
+    await test(chrome, 'the_focus_stays_with_its_job_where_a_row_above_leaves', {}, async page => {
+      await page.goto(`${base}/ui/jobs?state=queued`);
+      const cancels = page.getByRole('button', { name: /^Cancel/ });
+      await cancels.nth(2).waitFor();
+      const names = await cancels.evaluateAll(buttons => buttons.slice(0, 3).map(button => button.getAttribute('aria-label')));
+      await cancels.nth(2).focus();
+      await ask(base, `/jobs/${names[1].slice('Cancel '.length)}/cancel`, undefined, 'POST');
+      await page.getByRole('button', { name: names[1], exact: true }).waitFor({ state: 'detached' });
+      const focused = await page.evaluate(() => document.activeElement.getAttribute('aria-label'));
+      holds(focused === names[2], `the focus was at “${names[2]}” and is at “${focused}”`);
+    });
   } finally {
     await stop();
   }
