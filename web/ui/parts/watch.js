@@ -34,7 +34,7 @@ function linesOf(job, reports, fit) {
 }
 
 /** Who leads the trials of a round, and what it gains. */
-export function leads({ leader, fall, gain }) {
+function leads({ leader, fall, gain }) {
   if (!leader) return 'none';
   const on = share => (share < 0.995 ? `${percent(1 - share)} less error on unseen data` : 'no less error on unseen data');
   return `${leader}: ${Number.isFinite(fall) ? on(fall) : `gains ${number(gain)} in BIC`}`;
