@@ -1,18 +1,6 @@
 // Two who change one system: nobody's change is overwritten unseen, and nothing of a form is lost.
-import { ask, bare, holds, test } from './harness.js';
+import { ask, bare, fortnight, holds, test } from './harness.js';
 import { cutOff, faultsOf } from './pages.js';
-
-const HOURS = 24 * 14;
-const at = hour => new Date(Date.UTC(2026, 0, 5, hour)).toISOString().replace('.000Z', 'Z');
-
-/** Two weeks of a room that follows the day, so many hours late, and of the weather. */
-function fortnight(late) {
-  const rows = Array.from({ length: HOURS }, (_, hour) => {
-    const wave = lag => Math.sin(((hour - lag) / 12) * Math.PI);
-    return `${at(hour)},${(20 + 2 * wave(late)).toFixed(2)},${(3 + 4 * wave(0)).toFixed(2)}`;
-  });
-  return ['time,T_room[degC],T_out[degC]', ...rows].join('\n');
-}
 
 /** Somebody else, beside the page. */
 async function other(base, system, change) {

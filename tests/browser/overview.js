@@ -1,17 +1,7 @@
 // The overview of many systems: grouped, sorted, searched, and left and found again as it was.
-import { ask, bare, holds, test } from './harness.js';
+import { ask, bare, fortnight, holds, test } from './harness.js';
 
 const ROOMS = 120;
-const HOURS = 24 * 14;
-
-/** Two weeks of a room that follows the day, and of the weather. */
-function fortnight() {
-  const rows = Array.from({ length: HOURS }, (_, hour) => {
-    const wave = Math.sin((hour / 12) * Math.PI);
-    return `${new Date(Date.UTC(2026, 0, 5, hour)).toISOString()},${(20 + 2 * wave).toFixed(2)},${(3 + 4 * wave).toFixed(2)}`;
-  });
-  return ['time,T_room[degC],T_out[degC]', ...rows].join('\n');
-}
 
 export async function overview(chrome, binary) {
   const { base, stop } = await bare(binary);
@@ -30,6 +20,12 @@ export async function overview(chrome, binary) {
       await line.click();
       await systems(page).nth(40).waitFor();
       holds(page.url().includes('open='), 'what is open is not in the address');
+      // Enter on a button is that button's, and of a row it opens the system.
+      await page.getByRole('button', { name: 'Compact rows' }).focus();
+      await page.keyboard.press('Enter');
+      await page.locator('table.compact').waitFor();
+      holds(!page.url().includes('/systems/'), `Enter on a button has left the page for ${page.url()}`);
+      await page.getByRole('button', { name: 'Compact rows' }).press('Enter');
       await page.getByText(`lines 1 to 50 of ${ROOMS + 2}`).first().waitFor();
     });
 
@@ -72,7 +68,7 @@ export async function overview(chrome, binary) {
 
     await test(chrome, 'a_group_is_changed_in_place', {}, async page => {
       await page.goto(`${base}/ui/?search=room%2F11`);
-      await page.getByLabel('Select all that are shown').check();
+      await page.getByLabel('Select all 11 that match').check();
       await page.getByRole('button', { name: 'Change the group of 11 selected' }).click();
       await page.getByLabel('Group', { exact: true }).fill('Annexe/');
       await page.getByRole('button', { name: 'Save', exact: true }).click();

@@ -1,12 +1,7 @@
 // The queue in a crowd: what runs is above what waits, in parts that say how many there are, and a batch has a name.
-import { ask, bare, holds, test } from './harness.js';
+import { ask, bare, fortnight, holds, test } from './harness.js';
 
 const ROOMS = 40;
-const rows = Array.from({ length: 24 * 14 }, (_, hour) => {
-  const wave = Math.sin((hour / 12) * Math.PI);
-  return `${new Date(Date.UTC(2026, 0, 5, hour)).toISOString()},${(20 + 2 * wave).toFixed(2)},${(3 + 4 * wave).toFixed(2)}`;
-});
-const CSV = ['time,T_room[degC],T_out[degC]', ...rows].join('\n');
 
 export async function queue(chrome, binary) {
   const { base, stop } = await bare(binary);
@@ -14,7 +9,7 @@ export async function queue(chrome, binary) {
     for (let room = 1; room <= ROOMS; room += 1) {
       await ask(base, `/systems/room/${room}`, { model: 'rc1' }, 'PUT');
       // The last one has nothing to be fitted to, and is left out.
-      if (room < ROOMS) await ask(base, `/systems/room/${room}/windows`, CSV);
+      if (room < ROOMS) await ask(base, `/systems/room/${room}/windows`, fortnight());
     }
     const endless = { name: 'cfa_thesis', seed: 1, generations: 100_000 };
     const { id } = await ask(base, '/jobs', {
@@ -53,6 +48,18 @@ export async function queue(chrome, binary) {
       await page.getByText(`1 of ${ROOMS - 1} have ended`).waitFor();
       await page.getByRole('table', { name: 'Left out, by reason' }).getByRole('link', { name: `room/${ROOMS}` }).waitFor();
       holds((await ask(base, `/batches/${id}`)).skipped.length === 1, 'another is left out');
+    });
+
+    await test(chrome, 'the_focus_stays_with_its_job_where_a_row_above_leaves', {}, async page => {
+      await page.goto(`${base}/ui/jobs?state=queued`);
+      const cancels = page.getByRole('button', { name: /^Cancel/ });
+      await cancels.nth(2).waitFor();
+      const names = await cancels.evaluateAll(buttons => buttons.slice(0, 3).map(button => button.getAttribute('aria-label')));
+      await cancels.nth(2).focus();
+      await ask(base, `/jobs/${names[1].slice('Cancel '.length)}/cancel`, undefined, 'POST');
+      await page.getByRole('button', { name: names[1], exact: true }).waitFor({ state: 'detached' });
+      const focused = await page.evaluate(() => document.activeElement.getAttribute('aria-label'));
+      holds(focused === names[2], `the focus was at “${names[2]}” and is at “${focused}”`);
     });
   } finally {
     await stop();

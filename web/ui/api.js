@@ -4,7 +4,7 @@ import { REPORT } from './carried.js';
 import { token, anotherToken } from './token.js';
 
 /** A problem document (RFC 9457), or no answer at all (status 0). */
-export class Problem extends Error {
+class Problem extends Error {
   constructor(status, document) {
     super(document.detail || document.title);
     this.status = status;
@@ -91,16 +91,32 @@ export const post = (path, body) => ask(path, { method: 'POST', body });
 export const put = (path, body, expected) => ask(path, { method: 'PUT', body, ...expected });
 export const remove = path => ask(path, { method: 'DELETE' });
 
-/** All items of a list, page by page. */
-export async function every(path, { signal, most = 1000 } = {}) {
-  const items = [];
+/** Writes the document of a system, where it still is as it was seen. */
+export const putSystem = (seen, { system, ...body }) => put(`/systems/${system}`, body, { seen });
+
+/** As many items of a list are asked for at once as the service gives. */
+const PAGE_SIZE = 500;
+/** Of a list that grows with time the newest come first, and nobody looks at more of them. */
+const MOST = 1000;
+
+/** Asks for a list page by page; `take` hears each of them, and ends it with `false`. */
+export async function eachPage(path, take, options) {
   let token = null;
   do {
-    const query = `page_size=100${token ? `&page_token=${encodeURIComponent(token)}` : ''}`;
-    const page = await ask(`${path}${path.includes('?') ? '&' : '?'}${query}`, { signal });
-    items.push(...page.items);
+    const page = await ask(withQuery(path, { page_size: PAGE_SIZE, page_token: token }), options);
+    if (take(page) === false) return;
     token = page.next_page_token;
-  } while (token && items.length < most);
+  } while (token);
+}
+
+/** All items of a list, or the first of them. */
+export async function every(path, { most = Infinity, ...options } = {}) {
+  const items = [];
+  const take = page => {
+    items.push(...page.items);
+    return items.length < most;
+  };
+  await eachPage(path, take, options);
   return items;
 }
 
@@ -145,8 +161,10 @@ export function useResource(path, { read = asItIs } = {}) {
   return { ...state, reload, replace };
 }
 
-/** The items of a list. */
-export const useList = path => useResource(path, { read: every });
+const newest = (path, options) => every(path, { ...options, most: MOST });
+
+/** The items of a list; the rows of all systems are `useSystems`. */
+export const useList = path => useResource(path, { read: newest });
 
 /** The command that asks the same; `file` is a CSV file that is sent. */
 export function curl(path, { method, body, file, accept } = {}) {

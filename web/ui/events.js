@@ -91,6 +91,11 @@ export function useEvents(hear) {
   useEffect(() => onEvents((kind, data) => latest.current(kind, data)), []);
 }
 
+/** Reads resources anew when a job of a system has ended; null is no system. */
+export function useAfterJobs(system, ...resources) {
+  useEvents((kind, data) => kind === 'finished' && data.system === system && resources.forEach(resource => resource.reload()));
+}
+
 /** Whether the stream stands: null before it first did. */
 export function useConnection() {
   const [standing, setStanding] = useState(connected);

@@ -1,10 +1,12 @@
 // Numbers, times and lengths of time as people read them.
 
 export const NONE = '–';
+/** The unit of errors that count several outputs together, each in the noise of its sensor. */
+export const NOISE = '× noise';
 
 /** A number with three significant figures, or a dash. */
 export function number(value, figures = 3) {
-  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  if (!Number.isFinite(value)) return NONE;
   if (value === 0) return '0';
   const size = Math.abs(value);
   if (size >= 1e5 || size < 1e-4) return value.toExponential(Math.max(figures - 1, 0));
@@ -34,7 +36,7 @@ export function decimalsOfAll(values, unit) {
 
 /** A reading with so many decimals, or a dash. */
 export const reading = (value, decimals) =>
-  value === null || value === undefined || !Number.isFinite(value) ? NONE : value.toFixed(decimals).replace(/^-(0\.?0*)$/, '$1');
+  Number.isFinite(value) ? value.toFixed(decimals).replace(/^-(0\.?0*)$/, '$1') : NONE;
 
 /** How many decimals an error has: two, and below 0.1 as many as show two digits that count, but no more than four. */
 function decimalsOf(value) {
@@ -44,19 +46,15 @@ function decimalsOf(value) {
 }
 
 /** An error as it stands beside others. */
-export const fixed = value =>
-  value === null || value === undefined || !Number.isFinite(value) ? NONE : value.toFixed(decimalsOf(value)).replace(/^-(0\.0*)$/, '$1');
-
-/** An error with its unit: two decimals. */
-export const withUnit = (value, unit, decimals = 2) =>
-  value === null || value === undefined || !Number.isFinite(value) ? NONE : `${value.toFixed(decimals)} ${unit}`;
+export const fixed = value => reading(value, decimalsOf(value));
 
 export const signed = (value, decimals = decimalsOf(value ?? 0)) =>
-  value === null || value === undefined || !Number.isFinite(value)
-    ? NONE
-    : `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`.replace(/^[+−](0\.?0*)$/, '$1');
+  Number.isFinite(value) ? `${value > 0 ? '+' : value < 0 ? '−' : ''}${Math.abs(value).toFixed(decimals)}`.replace(/^[+−](0\.?0*)$/, '$1') : NONE;
 
-export const percent = value => (value === null || value === undefined ? NONE : `${Math.round(value * 100)} %`);
+export const percent = value => (Number.isFinite(value) ? `${Math.round(value * 100)} %` : NONE);
+
+/** A unit as it stands behind a number; a ratio has none. */
+export const unitOf = unit => (unit === '-' ? '' : unit);
 
 /** How often chance alone would do it; what is rarer than once in a thousand is told as that. */
 export const chance = p => (p !== null && p < 0.001 ? '< 0.001' : number(p, 2));
@@ -124,16 +122,25 @@ export function horizon(text) {
   return [days && `${days} d`, hours && `${hours} h`, minutes && `${minutes} min`].filter(Boolean).join(' ');
 }
 
+/** The hours of `PT6H` or `P2D`. */
+export function hoursOf(text) {
+  const [, days, hours] = /^P(?:(\d+)D)?(?:T(\d+)H)?$/.exec(text) ?? [];
+  return 24 * Number(days ?? 0) + Number(hours ?? 0);
+}
+
 /** How a number lies to its limit. */
 export const operator = text => ({ '<=': '≤', '>=': '≥' })[text] ?? text;
 
 /** `barely_better_than_persistence` as words. */
 export const words = text => (text ?? '').replaceAll('_', ' ');
 
+/** A text as the beginning of a sentence. */
+export const sentence = text => text[0].toUpperCase() + text.slice(1);
+
 /** A check of the gate such as `G4 beats persistence`: its rule, and its name as the beginning of a sentence. */
 export function checkOf(name) {
   const [, rule = null, rest] = /^(G\d+) (.*)$/.exec(name) ?? [null, null, name];
-  return { rule, name: rest[0].toUpperCase() + rest.slice(1) };
+  return { rule, name: sentence(rest) };
 }
 
 /** The title of a parameter; a member of a family such as `alpha_n[81]` has that of `alpha_n`. */

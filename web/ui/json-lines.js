@@ -1,7 +1,7 @@
 // JSON with the places of its parts: a fault of the service names a pointer (`/equations/T_r`), a writer looks for a line.
 
 /** A text that is no JSON, and where. */
-export class JsonFault extends Error {
+class JsonFault extends Error {
   constructor(detail, line) {
     super(detail);
     this.line = line;

@@ -11,8 +11,8 @@ export function onto(now, before, written) {
   return Object.fromEntries(merged.filter(([, value]) => value !== undefined));
 }
 
-/** The fields in which two documents differ, such as `policy/mode`. */
+/** The fields in which two documents differ, such as `['policy/mode', 'auto', 'observe']`. */
 export function differences(one, other, path = []) {
-  if (![one, other].every(isRecord)) return areSame(one, other) ? [] : [path.join('/')];
+  if (![one, other].every(isRecord)) return areSame(one, other) ? [] : [[path.join('/'), one, other]];
   return namesOf([one, other]).flatMap(name => differences(one[name], other[name], [...path, name]));
 }

@@ -4,25 +4,29 @@ import { useEffect, useRef } from './html.js';
 /** What comes together, as the ends of a batch do, counts once. */
 const SOON_MS = 250;
 const BYTES_PER_MS = 10;
+/** What an answer brings beside its body. */
+const HEAD_BYTES = 500;
 
 /**
- * `ask(bytes)` has `read` called: soon where it has not been for long, otherwise as late as keeps it below 10 kB a second
- * if it brings so many bytes. `ask(0)` has it called soon in any case.
+ * Gives a function that has a resource read anew: soon where it has not been for long, otherwise as late as keeps it below
+ * 10 kB a second, which as many `lists` share, if it brings as much as it did last. `again(true)` has it read soon in any
+ * case.
  */
-export function usePaced(read) {
-  const latest = useRef(read);
-  latest.current = read;
-  const state = useRef({ timer: null, due: Infinity, last: -Infinity });
+export function usePaced(resource, lists = 1) {
+  const latest = useRef(resource);
+  latest.current = resource;
+  const state = useRef({ timer: null, due: Infinity, free: -Infinity });
   useEffect(() => () => clearTimeout(state.current.timer), []);
-  return bytes => {
+  return (atOnce = false) => {
     const now = Date.now();
-    const due = Math.max(now + SOON_MS, state.current.last + bytes / BYTES_PER_MS);
+    const due = Math.max(now + SOON_MS, atOnce ? 0 : state.current.free);
     if (due >= state.current.due) return;
     clearTimeout(state.current.timer);
-    const timer = setTimeout(() => {
-      state.current = { timer: null, due: Infinity, last: Date.now() };
-      latest.current();
-    }, due - now);
-    state.current = { ...state.current, timer, due };
+    const read = () => {
+      const bytes = HEAD_BYTES + JSON.stringify(latest.current.data).length;
+      state.current = { timer: null, due: Infinity, free: Date.now() + (bytes * lists) / BYTES_PER_MS };
+      latest.current.reload();
+    };
+    state.current = { ...state.current, timer: setTimeout(read, due - now), due };
   };
 }

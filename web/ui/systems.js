@@ -1,10 +1,10 @@
 // The rows of all systems: read once, page by page, and kept while one goes from page to page. What happens to a system
 // makes its own row anew, and no other.
 import { useState, useEffect } from './html.js';
-import { ask, withQuery, AGAIN } from './api.js';
+import { ask, eachPage, withQuery, AGAIN } from './api.js';
+import { REPORT } from './carried.js';
 import { onEvents } from './events.js';
 
-const PAGE = 500;
 /** So many rows are asked for again at once, this often: a batch of hundreds stays below 10 kB a second. */
 const AGAIN_AT_ONCE = 8;
 const AGAIN_MS = 1000;
@@ -25,6 +25,9 @@ function publish(change) {
   listeners.forEach(listener => listener(kept));
 }
 
+/** Whether somebody is to do something about a system. */
+export const needsSomebody = row => !['none', 'wait'].includes(row.next.code);
+
 /** A row with what is sorted and searched by. */
 function prepared(row) {
   const { quality } = row;
@@ -32,7 +35,7 @@ function prepared(row) {
   row.severity = SEVERITY[row.health];
   row.size = quality?.ahead ?? quality?.validation_rmse ?? null;
   // Where nothing is to be done, every system is by itself.
-  row.step = ['none', 'wait'].includes(row.next.code) ? row.system : `${row.health} ${row.next.code} ${row.next.text}`;
+  row.step = needsSomebody(row) ? `${row.health} ${row.next.code} ${row.next.text}` : row.system;
   row.text = [row.system, row.label, row.group, row.model, row.health, row.why, row.next.text, row.status, ...row.flags]
     .join(' ')
     .toLowerCase();
@@ -52,24 +55,23 @@ async function read() {
   reading += 1;
   const turn = reading;
   const found = new Map();
-  let token = null;
+  const take = ({ items, next_page_token: more }) => {
+    if (turn !== reading) return false;
+    for (const row of items) found.set(row.system, prepared(row));
+    // The first of them can be looked at while the others come.
+    if (more && kept.rows === null) publish({ rows: ordered(found) });
+    return true;
+  };
   due.clear();
   try {
-    do {
-      const page = await ask(withQuery('/systems', { page_size: PAGE, with: 'trend', page_token: token }));
-      if (turn !== reading) return;
-      for (const row of page.items) found.set(row.system, prepared(row));
-      token = page.next_page_token;
-      // The first of them can be looked at while the others come.
-      if (token && kept.rows === null) publish({ rows: ordered(found) });
-    } while (token);
-    publish({ rows: ordered(found), complete: true, error: null });
+    await eachPage(withQuery('/systems', { with: 'trend' }), take);
+    if (turn === reading) publish({ rows: ordered(found), complete: true, error: null });
   } catch (error) {
     if (turn === reading) publish({ rows: null, complete: false, error });
   }
 }
 
-/** Makes some of the rows anew that something has happened to. */
+/** Makes some of the rows anew that something has happened to; says whether it could. */
 async function readDue() {
   const names = [...due].slice(0, AGAIN_AT_ONCE);
   names.forEach(name => due.delete(name));
@@ -77,13 +79,16 @@ async function readDue() {
   try {
     const { items } = await ask(withQuery('/systems', { systems: names.join(','), with: 'trend' }));
     // Whoever reads all of them meanwhile has newer ones.
-    if (turn !== reading || !kept.complete) return;
+    if (turn !== reading || !kept.complete) return true;
     const bySystem = new Map(kept.rows.map(row => [row.system, row]));
     names.forEach(name => bySystem.delete(name));
     items.forEach(row => bySystem.set(row.system, prepared(row)));
     publish({ rows: ordered(bySystem) });
+    return true;
   } catch {
-    // The next event of the system, or the next visit, tries again.
+    // The next event, or the next visit, tries again.
+    names.forEach(name => due.add(name));
+    return false;
   }
 }
 
@@ -94,7 +99,7 @@ function soon() {
     timer = null;
     publish({ running: kept.running });
     if (due.size > MOST_DUE) await read();
-    else if (due.size > 0 && kept.complete) await readDue();
+    else if (due.size > 0 && kept.complete && !(await readDue())) return;
     if (due.size > 0) soon();
   }, AGAIN_MS);
 }
@@ -117,10 +122,14 @@ export function refresh(system) {
   soon();
 }
 
-/** `{rows, complete, error, running, reload}`: `rows` is null before the first answer, `running` says of what a job runs. */
+/**
+ * `{rows, complete, error, running, reload}`: `rows` is null before the first answer and in a report, `running` says of what
+ * a job runs.
+ */
 export function useSystems() {
   const [state, setState] = useState(kept);
   useEffect(() => {
+    if (REPORT) return undefined;
     listeners.add(setState);
     addEventListener(AGAIN, read);
     if (kept.rows === null || due.size > MOST_DUE) read();

@@ -50,3 +50,6 @@ export function midnight(date, zone = 'UTC') {
   const [first] = instantsOf(`${date}T00:00`, zone);
   return (first ? Date.parse(first) : utc - ahead(utc - DAY_MS, zone)) / 1000;
 }
+
+/** The names of all zones that the browser knows, UTC first. */
+export const zoneNames = () => ['UTC', ...(Intl.supportedValuesOf?.('timeZone') ?? []).filter(zone => zone !== 'UTC')];

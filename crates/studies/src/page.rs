@@ -108,7 +108,7 @@ pub fn command() -> String {
 pub fn document(title: &str, style: &str, body: &str) -> Result<String, Failure> {
     let part =
         |path: &str| page_part(path).ok_or_else(|| Failure::Error(format!("the page has no part `{path}`")));
-    let styles = format!("{}\n{}\n{style}", part("style.css")?, part("parts.css")?);
+    let styles = format!("{}\n{}\n{}\n{style}", part("style.css")?, part("parts.css")?, part("charts.css")?);
     // Only what is written here may style the page: nobody can know the number before the figures are there.
     let nonce = blake3::hash(body.as_bytes()).to_hex();
     let title = escaped(title);

@@ -32,7 +32,7 @@ function gapsOf(time, line) {
   return gaps;
 }
 
-/** What lies behind the lines: the parts of the data, gaps, the noise band. */
+/** What lies behind the lines: the parts of the data, gaps, the line of zero. */
 function background(plot, strip, parts, gaps, first) {
   const { ctx, bbox } = plot;
   const across = time => Math.min(Math.max(plot.valToPos(time, 'x', true), bbox.left), bbox.left + bbox.width);
@@ -67,12 +67,6 @@ function background(plot, strip, parts, gaps, first) {
   }
   if (strip.zero) {
     const zero = plot.valToPos(0, 'y', true);
-    if (strip.band) {
-      const [low, high] = [plot.valToPos(-strip.band, 'y', true), plot.valToPos(strip.band, 'y', true)];
-      const top = Math.max(high, bbox.top);
-      ctx.fillStyle = colour('grid');
-      ctx.fillRect(bbox.left, top, bbox.width, Math.max(Math.min(low, bbox.top + bbox.height) - top, 0));
-    }
     ctx.strokeStyle = colour('strong-edge');
     ctx.beginPath();
     ctx.moveTo(bbox.left, zero);
@@ -126,7 +120,7 @@ function draw(target, strip, { time, width, zone, parts, gaps, sync, first, last
         y: strip.zero
           ? {
               range: (_, low, high) => {
-                const most = Math.max(Math.abs(low ?? 0), Math.abs(high ?? 0), strip.band ?? 0, 1e-6) * 1.05;
+                const most = Math.max(Math.abs(low ?? 0), Math.abs(high ?? 0), 1e-6) * 1.05;
                 return [-most, most];
               },
             }
@@ -184,7 +178,7 @@ function read(line, at, decimals) {
 }
 
 /**
- * Strips: `{label, unit, height, lines, zero, band}`; lines: `{label, colour, dash, width, step, values | min, max}`, all
+ * Strips: `{label, unit, height, lines, zero}`; lines: `{label, colour, dash, width, step, values | min, max}`, all
  * at `time` (seconds). `range` is what is shown, null for the `whole`; `onZoom` hears of every change that is asked.
  */
 export function Strips({ time, strips, range, whole, parts = [], zone = 'UTC', onZoom, label }) {

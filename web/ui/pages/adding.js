@@ -12,12 +12,9 @@ import { Status } from '../parts/status.js';
 import { useTitles } from '../parts/names.js';
 import { explained } from '../parts/term.js';
 import { Outputs, outputIn } from '../parts/outputs.js';
-import { experiment, grownBy } from '../parts/experiment.js';
+import { experiment, grownBy, FALL } from '../parts/experiment.js';
 import { LadderChart } from '../charts/ladder.js';
 import { Overlay } from './overlay.js';
-
-/** A fall of less than one per cent is none. */
-const FALL = 0.99;
 
 const all = (path, options) => Promise.all(path.split(',').map(id => ask(`/fits/${id}`, options)));
 

@@ -3,12 +3,12 @@
 // How far each room is stands in the browser, so that a page that was closed goes on where it was. The service holds
 // nothing of it but ordinary fits and documents: whatever breaks off leaves every room with what it had.
 import { html, useEffect, useRef, useState } from '../html.js';
-import { ask, post, put } from '../api.js';
+import { ask, post, putSystem } from '../api.js';
 import { address, systemAddress } from '../router.js';
 import { hasEnded } from '../events.js';
 import { say, sayFault } from '../say.js';
-import { fixed, NONE } from '../format.js';
-import { experiment, grownBy } from '../parts/experiment.js';
+import { fixed, NONE, WAITS } from '../format.js';
+import { experiment, grownFrom, FALL } from '../parts/experiment.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
 
@@ -18,18 +18,16 @@ const AT_ONCE = 3;
 const LOOK_MS = 1500;
 /** Whoever waits for so long waits for another tab. */
 const ELSEWHERE_MS = 3000;
-/** A fall of less than one per cent is none. */
-const FALL = 0.99;
 const DONE = ['adopted', 'waits', 'refused', 'failed'];
-const LOOKS = { queued: 'queued', trying: 'running', fitting: 'running', adopted: 'ok', waits: 'held', refused: 'cancelled', failed: 'failed' };
-const SAYS = {
-  queued: 'waits for its turn',
-  trying: 'tries it, with the model it has beside it',
-  fitting: 'is fitted for the controller',
-  adopted: 'adopted',
-  waits: 'waits for your word',
-  refused: 'keeps its model',
-  failed: 'failed',
+/** How far a room is: which status that looks like, and what is said. */
+const STATES = {
+  queued: ['queued', 'waits for its turn'],
+  trying: ['running', 'tries it, with the model it has beside it'],
+  fitting: ['running', 'is fitted for the controller'],
+  adopted: ['ok', 'adopted'],
+  waits: ['held', WAITS],
+  refused: ['cancelled', 'keeps its model'],
+  failed: ['failed', 'failed'],
 };
 
 /** What was begun and not closed, also before this page was loaded. */
@@ -95,8 +93,7 @@ async function tried(room, note, signal) {
     if (added.length === 0) return 'its model has it already';
     const diagnosis = await ask(`/diagnoses/${room.diagnosis}`, { signal });
     const { request } = await ask(`/jobs/${diagnosis.job}`, { signal });
-    let grown = document.model;
-    for (const member of added) grown = (await grownBy(grown, member)).id;
+    const grown = await grownFrom(document.model, added);
     const jobs = [];
     for (const model of [document.model, grown]) jobs.push((await experiment(room.system, model, request)).id);
     note({ state: 'trying', model: document.model, grown, jobs });
@@ -110,14 +107,19 @@ async function tried(room, note, signal) {
   return after.verdict === 'accepted' ? null : `the gate: ${after.summary}`;
 }
 
+/** Gives a room the model back that it had, where it still has the grown one. */
+async function back(room, signal) {
+  const document = await ask(`/systems/${room.system}`, { signal });
+  if (document.model === room.grown) await putSystem(document, { ...document, model: room.model });
+}
+
 /** Makes the grown model that of the room and fits it for the controller. Where the gate says no, the model goes back. */
 async function served(room, note, signal) {
   if (!room.job) {
     const document = await ask(`/systems/${room.system}`, { signal });
     if (document.model !== room.grown) {
       if (document.model !== room.model) return { state: 'refused', why: 'somebody has changed its model meanwhile' };
-      const { system: _, ...body } = document;
-      await put(`/systems/${room.system}`, { ...body, model: room.grown }, { seen: document });
+      await putSystem(document, { ...document, model: room.grown });
     }
     note({ state: 'fitting', job: (await post('/jobs', { kind: 'estimate', system: room.system })).id });
   }
@@ -125,9 +127,7 @@ async function served(room, note, signal) {
   if (job.outcome === 'accepted') return { state: 'adopted', why: `revision ${job.revision}` };
   if (job.outcome === 'suggested') return { state: 'waits', why: 'its policy leaves every fit to an operator' };
   const fit = job.fit ? await ask(`/fits/${job.fit}`, { signal }) : null;
-  const document = await ask(`/systems/${room.system}`, { signal });
-  const { system: _, ...body } = document;
-  if (document.model === room.grown) await put(`/systems/${room.system}`, { ...body, model: room.model }, { seen: document });
+  await back(room, signal);
   return { state: 'refused', why: `the gate, on the newest data: ${fit?.summary ?? job.error?.detail ?? job.state}` };
 }
 
@@ -138,7 +138,10 @@ async function adopt(room, note, signal) {
     note(why ? { state: 'refused', why } : await served(room, note, signal));
   } catch (error) {
     if (error.name === 'AbortError') throw error;
-    note({ state: 'failed', why: error.errors?.[0]?.detail ?? error.detail ?? error.message });
+    const why = error.errors?.[0]?.detail ?? error.detail ?? error.message;
+    // A room that cannot even go back has not ended: whoever opens the page again goes on with it.
+    const isBack = !room.grown || (await back(room, signal).then(() => true, () => false));
+    note(isBack ? { state: 'failed', why } : { why: `${why}; this page goes on with it when it is opened again` });
   }
 }
 
@@ -162,7 +165,7 @@ export function Adopting({ start, changed, close }) {
       while (left.current.length > 0) {
         const room = left.current.shift();
         await adopt(room, change => note(room, change), abort.signal);
-        changed();
+        changed(room.system);
       }
     };
     const waits = setTimeout(() => setElsewhere(true), ELSEWHERE_MS);
@@ -205,9 +208,9 @@ export function Adopting({ start, changed, close }) {
     ${!isDone && html`<progress max=${rooms.length} value=${done} aria-label="Rooms that are done"></progress>`}
     <p role="status">${isDone ? html`<${Status} of="ok" label=${summaryOf(start.title, rooms)} />` : `${done} of ${rooms.length} rooms are done.`}</p>
     <${Table} caption="Room by room" columns=${[['room'], ['how far'], ['before', 'number'], ['after', 'number'], ['why']]}
-      rows=${rooms.map(room => [
+      keys=${rooms.map(room => room.system)} rows=${rooms.map(room => [
         html`<a href=${systemAddress(room.system, 'missing')}>${room.system}</a>`,
-        html`<${Status} of=${LOOKS[room.state]} label=${SAYS[room.state]} />`,
+        html`<${Status} of=${STATES[room.state][0]} label=${STATES[room.state][1]} />`,
         error(room.before, room.unit),
         error(room.after, room.unit),
         html`${room.why ?? ''} ${room.job && html`<a href=${address(['jobs', room.job])}>fit</a>`}`,

@@ -1,6 +1,7 @@
 // What was done, newest first: by whom, to which system, and why.
 import { html } from '../html.js';
-import { useList, useResource, withQuery } from '../api.js';
+import { useResource, withQuery } from '../api.js';
+import { useSystems } from '../systems.js';
 import { address, setQuery, systemAddress } from '../router.js';
 import { clock, fromNow, plainly, words, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
@@ -11,10 +12,10 @@ const SIZE = 50;
 const COLUMNS = [['when'], ['who'], ['what'], ['system'], ['which'], ['why']];
 
 export function Audit({ query }) {
-  const systems = useList('/systems');
+  const { rows } = useSystems();
   const path = withQuery('/audit', { system: query.system, page_size: SIZE, page_token: query.page });
   const deeds = useResource(path);
-  const known = systems.data?.map(row => row.system) ?? [];
+  const known = rows?.map(row => row.system) ?? [];
   const choose = event => setQuery({ system: event.target.value.trim() || null, page: null });
   const empty = html`<${Empty} title=${query.system ? `Nothing was done to ${query.system}` : 'Nothing was done yet'}>
     <p>Whoever changes, deletes or decides something is kept here, with the reason where one is asked for.</p></${Empty}>`;

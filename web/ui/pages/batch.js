@@ -4,14 +4,13 @@ import { useResource } from '../api.js';
 import { address, systemAddress } from '../router.js';
 import { useEvents, hasEnded } from '../events.js';
 import { usePaced } from '../pace.js';
-import { signed, words, NONE } from '../format.js';
+import { sentence, signed, words, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
+import { Linked } from '../parts/linked.js';
 import { Table } from '../parts/table.js';
 import { Shown } from '../parts/screens.js';
 import { batchName, grouped, standing, Standings } from '../parts/batches.js';
 
-/** About what a batch says of a system, in bytes. */
-const BYTES_PER_SYSTEM = 400;
 /** As many systems of a group are shown; the others on demand. */
 const SHOWN = 12;
 const REFUSED = ['rejected', 'held', 'failed'];
@@ -20,13 +19,13 @@ export function BatchPage({ id }) {
   const batch = useResource(`/batches/${id}`);
   // Events say how a job stands; why the gate decided so is read again now and then, and in the end.
   const [heard, setHeard] = useState({});
-  const readAgain = usePaced(batch.reload);
+  const readAgain = usePaced(batch);
   const now = batch.data && { ...batch.data, jobs: batch.data.jobs.map(row => latest(row, heard[row.job])) };
   useEvents((kind, data) => {
     if (!['queued', 'started', 'finished'].includes(kind) || !now?.jobs.some(row => row.job === data.id)) return;
     setHeard(before => ({ ...before, [data.id]: data }));
     const left = now.jobs.filter(row => row.job !== data.id && !hasEnded(row)).length;
-    readAgain(left === 0 && kind === 'finished' ? 0 : now.jobs.length * BYTES_PER_SYSTEM);
+    readAgain(left === 0 && kind === 'finished');
   });
   return html`<${Shown} of=${batch} what="the batch" show=${() => html`<${Batch} data=${now} />`} />`;
 }
@@ -42,7 +41,7 @@ function Batch({ data }) {
   const refused = data.jobs.map(row => ({ ...row, word: standing(row) })).filter(({ word }) => REFUSED.includes(word));
   return html`<h1>${batchName(data, data.jobs.length)}</h1>
     <p class="verdict"><${Status} of=${data.finished ? 'succeeded' : 'running'} label="" /> ${
-      data.finished ? `${data.summary[0].toUpperCase()}${data.summary.slice(1)}` : `${ended} of ${data.jobs.length} have ended`
+      data.finished ? sentence(data.summary) : `${ended} of ${data.jobs.length} have ended`
     }.</p>
     <p class="quiet">${data.id}</p>
     ${data.jobs.length > 0 && html`<${Standings} jobs=${data.jobs} />`}
@@ -54,7 +53,7 @@ function Batch({ data }) {
 /** Equal reasons together, with the systems that they were given to. */
 const Reasons = ({ caption, rows }) =>
   html`<${Table} caption=${caption} columns=${[['how'], ['systems', 'number'], ['why'], ['which']]}
-    rows=${grouped(rows).map(({ word, reason, example, systems }) => [
+    keys=${grouped(rows).map(({ key }) => key)} rows=${grouped(rows).map(({ word, reason, example, systems }) => [
       short(word, word === 'none' ? 'left out' : word === 'rejected' ? 'refused' : words(word)),
       systems.length,
       html`${reason && html`<b>${reason}</b>, such as: `}${example}`,
@@ -62,9 +61,9 @@ const Reasons = ({ caption, rows }) =>
     ])} />`;
 
 function Several({ systems }) {
-  const links = list => list.map((system, at) => html`${at ? ', ' : ''}<a class="nowrap" href=${systemAddress(system)}>${system}</a>`);
-  if (systems.length <= SHOWN) return links(systems);
-  return html`${links(systems.slice(0, SHOWN))}<details><summary>and ${systems.length - SHOWN} more</summary>${links(systems.slice(SHOWN))}</details>`;
+  const more = systems.slice(SHOWN);
+  return html`<${Linked} systems=${systems.slice(0, SHOWN)} />${more.length > 0 && html`<details><summary>and ${more.length} more</summary><${Linked}
+    systems=${more} /></details>`}`;
 }
 
 /** A status that stays in one line. */
@@ -74,7 +73,7 @@ const jobLink = ({ job }) => html`<a href=${address(['jobs', job])}>${job.slice(
 
 const Fits = ({ jobs }) =>
   html`<${Table} caption="Systems" hidden columns=${[['system'], ['state'], ['outcome'], ['error against before', 'number'], ['why'], ['job']]}
-    rows=${jobs.map(row => [
+    keys=${jobs.map(row => row.job)} rows=${jobs.map(row => [
       html`<a class="nowrap" href=${systemAddress(row.system)}>${row.system}</a>`,
       short(row.state),
       row.outcome ? short(row.outcome) : NONE,
@@ -91,23 +90,19 @@ const GROUPS = [
 
 /** What is missing by effect, then the systems in which nothing has a name, then each with its sentence. */
 function Diagnoses({ data: { jobs, diagnosed } }) {
-  const place = system => {
-    const { diagnosis } = jobs.find(job => job.system === system) ?? {};
-    return html`<a class="nowrap" href=${systemAddress(system, 'missing', diagnosis ? { diagnosis } : {})}>${system}</a>`;
-  };
-  const list = systems => systems.map((system, at) => html`${at ? ', ' : ''}${place(system)}`);
+  const to = system => systemAddress(system, 'missing', { diagnosis: jobs.find(job => job.system === system)?.diagnosis });
   const groups = [
     ...diagnosed.named.map(({ effect, systems }) => [html`<a href=${address(['effects', effect.split(':')[0]])}>${effect}</a>`, systems]),
     ...GROUPS.map(([verdict, title]) => [title, diagnosed[verdict]]),
   ].filter(([, systems]) => systems.length > 0);
   return html`
     ${groups.length > 0 && html`<${Table} caption="What is missing" columns=${[['what'], ['systems', 'number'], ['which']]}
-      rows=${groups.map(([title, systems]) => [title, systems.length, list(systems)])} />`}
+      rows=${groups.map(([title, systems]) => [title, systems.length, html`<${Linked} systems=${systems} to=${to} />`])} />`}
     <${Table} caption="Every system" columns=${[['system'], ['state'], ['verdict'], ['why'], ['job']]}
-      rows=${jobs.map(row => [
-        place(row.system),
+      keys=${jobs.map(row => row.job)} rows=${jobs.map(row => [
+        html`<${Linked} systems=${[row.system]} to=${to} />`,
         html`<${Status} of=${row.state} />`,
-        row.verdict ? html`<${Status} of=${row.verdict === 'named' ? 'attention' : row.verdict} label=${words(row.verdict)} />` : NONE,
+        row.verdict ? html`<${Status} of=${row.verdict} />` : NONE,
         row.why ?? NONE,
         jobLink(row),
       ])} />`;

@@ -1,8 +1,10 @@
 // The building: its groups as tiles, which rooms lack which effects, and one press for all of them.
-import { html, useEffect, useRef, useState } from '../html.js';
-import { ask, useList, useResource, post, withQuery } from '../api.js';
+import { html, useMemo, useState } from '../html.js';
+import { eachPage, useResource, post, withQuery } from '../api.js';
 import { address, systemAddress } from '../router.js';
 import { useEvents } from '../events.js';
+import { usePaced } from '../pace.js';
+import { useSystems, refresh, SEVERITY } from '../systems.js';
 import { say, sayFault } from '../say.js';
 import { fixed, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
@@ -10,38 +12,27 @@ import { Table } from '../parts/table.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Matrix } from './matrix.js';
 import { Adopting, adoption, begin } from './adopting.js';
+import { isWithin, placeOf, worstFirst } from './overview-view.js';
 
-const SEVERITY = { bad: 0, attention: 1, unknown: 2, ok: 3 };
-/** Lists are asked again once for many ends that come together. */
-const TOGETHER_MS = 1000;
+/** Names beyond this length do not go into an address: the service takes heads of 16 KiB. */
+const LONGEST_NAMES = 8192;
 
-/** Where a system is: its group, or what kind it is of. */
-const placeOf = row => row.group || row.system.split('/')[0];
-const isWithin = (place, path) => path === '' || place === path || place.startsWith(`${path}/`);
-
-/** The first output's error at the horizon of the policy, or of a free run. */
-function errorOf(row) {
-  const first = Object.values(row.error ?? {})[0];
-  return first ? { value: first.ahead ?? first.validation_rmse, unit: first.unit } : null;
-}
-
-const worseFirst = (one, other) =>
-  SEVERITY[one.health] - SEVERITY[other.health] || (errorOf(other)?.value ?? -1) - (errorOf(one)?.value ?? -1) || one.system.localeCompare(other.system);
+const errorOf = row => (row.size === null ? NONE : `${fixed(row.size)} ${row.quality.unit}`);
 
 /** What a tile shows of the systems in it. */
 function tileOf(name, path, rows) {
   const counts = Object.keys(SEVERITY).map(health => [health, rows.filter(row => row.health === health).length]);
-  const errors = rows.map(errorOf).filter(error => Number.isFinite(error?.value));
-  const unit = errors[0]?.unit;
+  const known = rows.filter(row => row.size !== null);
+  const unit = known[0]?.quality.unit;
   // Errors of different units have no mean.
-  const own = errors.filter(error => error.unit === unit);
+  const own = known.filter(row => row.quality.unit === unit);
   return {
     name,
     path,
     rows,
     counts: counts.filter(([, count]) => count > 0),
-    worst: [...rows].sort(worseFirst)[0],
-    mean: own.length ? own.reduce((sum, error) => sum + error.value, 0) / own.length : null,
+    worst: [...rows].sort(worstFirst)[0],
+    mean: own.length ? own.reduce((sum, row) => sum + row.size, 0) / own.length : null,
     unit,
   };
 }
@@ -60,37 +51,58 @@ function level(rows, path) {
     groups.set(name, [...(groups.get(name) ?? []), row]);
   }
   const tiles = [...groups].map(([name, inside]) => tileOf(name, path === '' ? name : `${path}/${name}`, inside));
-  return { tiles: tiles.sort((one, other) => one.name.localeCompare(other.name, 'en', { numeric: true })), here: here.sort(worseFirst) };
+  return { tiles: tiles.sort((one, other) => one.name.localeCompare(other.name, 'en', { numeric: true })), here: here.sort(worstFirst) };
 }
 
 /** All pages of the matrix: what is known of each effect stands on the first. */
-async function wholeMatrix(path, { signal }) {
-  const first = await ask(withQuery(path, { page_size: 100 }), { signal });
-  const rows = [...first.items];
-  for (let token = first.next_page_token; token; ) {
-    const page = await ask(withQuery(path, { page_size: 100, page_token: token }), { signal });
-    rows.push(...page.items);
-    token = page.next_page_token;
-  }
-  return { effects: first.effects, rows };
+async function wholeMatrix(path, options) {
+  const whole = { effects: [], rows: [] };
+  const take = ({ effects, items }) => {
+    whole.effects = effects ?? whole.effects;
+    whole.rows.push(...items);
+  };
+  await eachPage(path, take, options);
+  return whole;
+}
+
+/** The matrix with these systems alone, and of its effects what can be said of those. */
+function among({ effects, rows }, names) {
+  const own = rows.filter(row => names.has(row.system));
+  const diagnosed = own.filter(row => row.diagnosis !== null);
+  const again = effects.map(effect => {
+    const cells = diagnosed.flatMap(row => row.cells.filter(cell => cell.effect === effect.effect));
+    const lacking = cells.filter(cell => cell.state === 'named').length;
+    const sentence = `${lacking} of ${diagnosed.length} systems ${lacking === 1 ? 'lacks' : 'lack'} ${effect.title}`;
+    return { ...effect, lacking, total_saving: null, sentence };
+  });
+  return { effects: again, rows: own };
+}
+
+/** The matrix of the rooms of a group, null before it is known, and how it is asked for. */
+function useMatrix(inside, isWhole, isComplete) {
+  const names = inside?.map(row => row.system).join() ?? '';
+  const isNamed = !isWhole && encodeURIComponent(names).length <= LONGEST_NAMES;
+  const path = withQuery('/evidence/matrix', { systems: isNamed ? names : null });
+  const matrix = useResource(isWhole || (isComplete && names) ? path : null, { read: wholeMatrix });
+  const data = useMemo(
+    () => (matrix.data && !isWhole && !isNamed ? among(matrix.data, new Set(names.split(','))) : matrix.data),
+    [matrix.data, isWhole, isNamed, names],
+  );
+  return { matrix: { ...matrix, data }, path, again: usePaced(matrix) };
 }
 
 export function Building({ query }) {
-  const systems = useList('/systems');
+  const systems = useSystems();
   const path = query.group ?? '';
-  const inside = systems.data?.filter(row => isWithin(placeOf(row), path)) ?? null;
-  const names = path === '' ? null : (inside?.map(row => row.system).join() ?? null);
-  const isReady = systems.data !== null && (path === '' || names);
-  const matrix = useResource(isReady ? withQuery('/evidence/matrix', { systems: names }) : null, { read: wholeMatrix });
+  const inside = useMemo(() => systems.rows?.filter(row => isWithin(row, path)) ?? null, [systems.rows, path]);
+  const { matrix, path: asked, again } = useMatrix(inside, path === '', systems.complete);
   const [batch, setBatch] = useState(null);
   const [adopting, setAdopting] = useState(adoption);
-  const timer = useRef(null);
-  const refresh = () => {
-    clearTimeout(timer.current);
-    timer.current = setTimeout(() => [systems, matrix].forEach(list => list.reload()), TOGETHER_MS);
+  useEvents((kind, data) => kind === 'finished' && data.kind === 'diagnose' && again());
+  const changed = system => {
+    refresh(system);
+    again();
   };
-  useEffect(() => () => clearTimeout(timer.current), []);
-  useEvents(kind => kind === 'finished' && refresh());
   const diagnose = async rooms => {
     try {
       const started = await post('/jobs', { kind: 'diagnose', systems: rooms });
@@ -100,10 +112,9 @@ export function Building({ query }) {
       sayFault(fault);
     }
   };
-  const adopt = (effect, rooms) => setAdopting(begin(effect, rooms));
   const empty = html`<${Empty} title="No systems yet"><p>A building shows its rooms here. <a href=${address(['new'])}>Add one</a>, and give it a
     group such as <code>North house/Floor 2</code>.</p></${Empty}>`;
-  return html`<${Shown} of=${systems} what="the rooms" empty=${empty} show=${() => {
+  const top = () => {
     const { tiles, here } = level(inside, path);
     const modelled = inside.filter(row => row.model !== null);
     return html`
@@ -115,11 +126,18 @@ export function Building({ query }) {
         appears here. <a href=${address(['batches', batch.id])}>See how far they are</a></p>`}
       ${inside.length === 0 && html`<${Empty} title="Nothing is in this group"><a href=${address(['building'])}>To the whole building</a></${Empty}>`}
       ${tiles.length > 0 && html`<ul class="tiles">${tiles.map(tile => html`<${Tile} key=${tile.path} tile=${tile} />`)}</ul>`}
-      ${here.length > 0 && html`<${Rooms} rows=${here} />`}
-      ${adopting && html`<${Adopting} key=${adopting.id} start=${adopting} changed=${refresh} close=${() => setAdopting(null)} />`}
-      ${inside.length > 0 && html`<${Shown} of=${matrix} what="what the rooms lack" show=${data =>
-        html`<${Matrix} data=${data} query=${query} path=${withQuery('/evidence/matrix', { systems: names })} adopt=${adopting ? null : adopt} />`} />`}`;
-  }} />`;
+      ${here.length > 0 && html`<${Rooms} rows=${here} />`}`;
+  };
+  // Thousands of cells are not drawn again because a job has gone on.
+  const bottom = useMemo(
+    () => html`<${Shown} of=${matrix} what="what the rooms lack" show=${data => html`<${Matrix} data=${data} query=${query} path=${asked}
+      adopt=${adopting ? null : (effect, rooms) => setAdopting(begin(effect, rooms))} />`} />`,
+    [matrix.data, matrix.error, query, asked, adopting],
+  );
+  // What is being adopted goes on, whatever cannot be read meanwhile.
+  return html`<${Shown} of=${{ ...systems, data: systems.rows }} what="the rooms" empty=${empty} show=${top} />
+    ${adopting && html`<${Adopting} key=${adopting.id} start=${adopting} changed=${changed} close=${() => setAdopting(null)} />`}
+    ${inside?.length > 0 && bottom}`;
 }
 
 /** The way down to a group, each step a link. */
@@ -142,7 +160,7 @@ function Tile({ tile }) {
     <dl>
       <dt>mean error</dt><dd>${mean === null ? NONE : `${fixed(mean)} ${unit}`}</dd>
       <dt>worst</dt><dd><a href=${systemAddress(worst.system)} title=${worst.why}>${worst.system}</a>${
-        errorOf(worst) ? html` <span class="quiet">${fixed(errorOf(worst).value)} ${errorOf(worst).unit}</span>` : ''
+        worst.size === null ? '' : html` <span class="quiet">${errorOf(worst)}</span>`
       }</dd>
     </dl>
   </li>`;
@@ -153,7 +171,7 @@ function Rooms({ rows }) {
     rows=${rows.map(row => [
       html`<a href=${systemAddress(row.system)}>${row.label || row.system}</a>${row.label ? html` <small class="quiet">${row.system}</small>` : ''}`,
       html`<${Status} of=${row.health} /> <div class="why clamped" title=${row.why}>${row.why}</div>`,
-      errorOf(row) ? `${fixed(errorOf(row).value)} ${errorOf(row).unit}` : NONE,
+      errorOf(row),
       row.model ?? NONE,
     ])} />`;
 }

@@ -1,6 +1,6 @@
 // Which estimates err together: all pairs as colours, the strongest in words.
 import { html } from '../html.js';
-import { named, number, plainly, reading, signed } from '../format.js';
+import { named, number, plainly, reading, signed, unitOf } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { useTitles } from '../parts/names.js';
 import { Table } from '../parts/table.js';
@@ -66,8 +66,7 @@ function Pairs({ fit, names }) {
 function AlongRidge({ pair, fit }) {
   const [held, other] = pair.parameters;
   const titles = useTitles(fit.model);
-  const unit = name => (fit.parameters[name].unit === '-' ? '' : fit.parameters[name].unit);
-  const axis = name => `${named(name, titles)} ${unit(name)}`;
+  const axis = name => `${named(name, titles)} ${unitOf(fit.parameters[name].unit)}`;
   const across = [pair.ridge[0].values[0], pair.ridge.at(-1).values[0]];
   const drawn = (what, points) => html`<div><b>${what}</b>
     <${Curve} height=${150} xLabel=${axis(held)} yLabel="" across=${across} label=${`${what} where ${held} is held`}

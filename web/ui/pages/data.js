@@ -1,6 +1,6 @@
 // The measurements of a system: what is there, what was refused, and what is kept out of training.
 import { html, useState, useMemo } from '../html.js';
-import { useResource, useList, ask, put, withQuery } from '../api.js';
+import { useResource, useList, ask, putSystem, withQuery } from '../api.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { number, clock, length, seconds, instant, NONE } from '../format.js';
@@ -85,11 +85,18 @@ function together(data) {
   return [time, strips];
 }
 
+/** The samples of a channel in per cent of those that its step asks for; 100 where none is missing. */
+function completeness({ samples, median_step_s: step }, [first, last]) {
+  const asked = step ? Math.round((last - first) / step) + 1 : 1;
+  return Math.min(Math.floor((100 * samples) / asked), 100);
+}
+
 /** One row per channel: filled where there are samples. */
-function Coverage({ data, whole: [first, last] }) {
+function Coverage({ data, whole }) {
   const cells = 240;
+  const [first, last] = whole;
   const place = time => Math.min(Math.max(Math.floor(((time - first) / (last - first || 1)) * cells), 0), cells - 1);
-  return html`<table aria-label="Coverage"><tbody>${Object.entries(data.channels).map(([name, channel]) => {
+  return html`<table><caption class="unseen">Coverage</caption><tbody>${Object.entries(data.channels).map(([name, channel]) => {
     const filled = new Set();
     const values = channel.values ?? channel.min;
     const reach = channel.bucket_s ?? channel.median_step_s;
@@ -97,10 +104,11 @@ function Coverage({ data, whole: [first, last] }) {
       if (values[at] === null) return;
       for (let cell = place(seconds(time) - reach / 2); cell <= place(seconds(time) + reach / 2); cell += 1) filled.add(cell);
     });
-    return html`<tr><th scope="row" class="nowrap">${name}</th><td class="number nowrap">${Math.round((filled.size / cells) * 100)} %</td>
+    const complete = completeness(channel, whole);
+    return html`<tr><th scope="row" class="nowrap">${name}</th><td class="number nowrap">${complete} %</td>
       <td style="width:80%">
       <svg viewBox=${`0 0 ${cells} 8`} preserveAspectRatio="none" width="100%" height="12" role="img"
-        aria-label=${`${name} covers ${Math.round((filled.size / cells) * 100)} % of the time, ${channel.gaps} gaps`}>
+        aria-label=${`${name} has ${complete} % of its samples, ${channel.gaps} gaps`}>
         <rect width=${cells} height="8" style="fill:var(--grid)" />
           ${stretches(filled).map(([from, to]) => html`<rect x=${from} width=${to - from + 1} height="8" style="fill:var(--model)" />`)}
             </svg></td></tr>`;
@@ -123,10 +131,9 @@ function Exclusions({ system, document, query, zone, reload, changed }) {
   const [draft, setDraft] = useState({ from: query.from ?? '', to: query.to ?? '', reason: '' });
   const [error, setError] = useState(null);
   const save = async exclude => {
-    const { system: _, ...rest } = document;
     setError(null);
     try {
-      changed(await put(`/systems/${system}`, { ...rest, exclude }, { seen: document }));
+      changed(await putSystem(document, { ...document, exclude }));
       say('Exclusions are saved');
       return true;
     } catch (fault) {

@@ -121,15 +121,23 @@ function Writing({ kind, query, first }) {
       return undefined;
     }
     if (!isModel) return undefined;
-    const timer = setTimeout(
-      () =>
-        post('/models/validate', read.value).then(answer => {
-          setFaults(placed(answer.errors ?? [], read.lines));
-          setChecked(true);
-        }, setError),
-      SETTLE_MS,
-    );
-    return () => clearTimeout(timer);
+    let left = false;
+    const validate = async () => {
+      try {
+        const { errors = [] } = await post('/models/validate', read.value);
+        // It may be of an older text by now.
+        if (left) return;
+        setFaults(placed(errors, read.lines));
+        setChecked(true);
+      } catch (fault) {
+        if (!left) setError(fault);
+      }
+    };
+    const timer = setTimeout(validate, SETTLE_MS);
+    return () => {
+      left = true;
+      clearTimeout(timer);
+    };
   }, [text]);
   // An effect is judged in the model that it is added to: the preview names its faults.
   const previewFaults = errors => {

@@ -99,13 +99,12 @@ const contextOf = context =>
 
 /** How much more of the squared error than of the time: where a model fails, not where it merely spends its time. */
 const liftOf = row => (row.time_share > 0 ? row.error_share / row.time_share : 0);
-const LIFT = 'Share of the squared error over share of the time: 1 is as everywhere else, 2 is twice as much error as the time alone would give.';
 
 /** Regimes, the largest lift first. */
 function Regimes({ rows, unit }) {
   const sorted = rows.toSorted((a, b) => liftOf(b) - liftOf(a));
   const part = (shown, hidden) => html`<${Table} caption="By circumstances, where the model fails most first" hidden=${hidden}
-    columns=${[['when'], [html`<abbr title=${LIFT}>lift</abbr>`, 'number'], ['of the time', 'number'], ['of the error', 'number'], ['bias', 'number'],
+    columns=${[['when'], ['lift', 'number'], ['of the time', 'number'], ['of the error', 'number'], ['bias', 'number'],
       ['rmse', 'number'], ['']]}
       rows=${shown.map(row => [
         row.regime,
@@ -122,5 +121,5 @@ function Regimes({ rows, unit }) {
   const rest = sorted.slice(CIRCUMSTANCES);
   return html`${part(sorted.slice(0, CIRCUMSTANCES), false)}
     ${rest.length > 0 && html`<details><summary>${rest.length} more, with a lift of at most ${liftOf(rest[0]).toFixed(1)}</summary>${part(rest, true)}</details>`}
-    <p class="note">Lift: ${LIFT[0].toLowerCase()}${LIFT.slice(1)} Orange bars lie above ${MUCH_LIFT}. Bias is measured − model. Circumstances overlap.</p>`;
+    <p class="note">Lift: the share of the squared error over that of the time; 1 is as everywhere else. Orange bars lie above ${MUCH_LIFT}. Bias is measured − model. Circumstances overlap.</p>`;
 }

@@ -4,12 +4,13 @@ import { ask, useResource, useList, withQuery } from '../api.js';
 import { REPORT } from '../carried.js';
 import { setQuery, systemAddress } from '../router.js';
 import { useKeys } from '../keys.js';
-import { number, instant, seconds, horizon, length, fitName, NONE } from '../format.js';
+import { number, instant, seconds, horizon, length, fitName, sentence, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Term } from '../parts/term.js';
 import { Shown, Empty } from '../parts/screens.js';
 import { Outputs, outputIn, forecasts, NO_FORECASTS } from '../parts/outputs.js';
 import { Flowsheet } from '../parts/flowsheet.js';
+import { linesOf, sampled } from '../charts/lines.js';
 import { Strips } from '../charts/strips.js';
 import { Errors, errorsInWords } from './errors.js';
 
@@ -44,29 +45,12 @@ async function everySample(fit, query, [from, to], step) {
   return parts.join('');
 }
 
-export const linesOf = line => (line.values ? { values: line.values } : { min: line.min, max: line.max });
-
 /** The values of another fit's line at these times, or nothing where most of them are others. */
 function aligned(time, other, line) {
   const at = new Map(other.time.map((sampled, index) => [sampled, index]));
   if (time.filter(sampled => at.has(sampled)).length < time.length / 2) return null;
   const taken = values => time.map(sampled => (at.has(sampled) ? values[at.get(sampled)] : null));
   return Object.fromEntries(Object.entries(linesOf(line)).map(([kind, values]) => [kind, taken(values)]));
-}
-
-/**
- * A line whose sensor samples less often than the others: what lies between two of its samples is no gap and has no value of
- * its own. The lengths of the holes are compared with the shortest one.
- */
-export function sampled(line) {
-  const { values } = line;
-  if (!values) return line;
-  const known = values.flatMap((value, at) => (value === null ? [] : [at]));
-  const steps = known.slice(1).map((at, index) => at - known[index]);
-  const step = Math.min(...steps);
-  if (!Number.isFinite(step) || step === 1) return line;
-  const between = new Set(steps.flatMap((length, index) => (length === step ? Array.from({ length: length - 1 }, (_, at) => known[index] + 1 + at) : [])));
-  return { values: values.map((value, at) => (value === null && (between.has(at) || (at < known[0] && known[0] < step) || (at > known.at(-1) && at < known.at(-1) + step)) ? undefined : value)) };
 }
 
 /** The value of an input that never changes, or null. */
@@ -233,7 +217,7 @@ function Chart({ whole, fit, fits, beside, metrics, query, zone }) {
       summary=${summaryOf(data)} about=${errorsInWords(judged ?? whole, mode, chosen, zone)}
       table=${() => tableOf(data, another, shown)} path=${path} csv
       everything=${isThinned && !REPORT ? () => everySample(fit, query, shown, data.step_s) : null}
-      note=${`${thinned} Gaps are hatched. ${data.provenance.comment[0].toUpperCase()}${data.provenance.comment.slice(1)}.${apart ?
+      note=${`${thinned} Gaps are hatched. ${sentence(data.provenance.comment)}.${apart ?
         ' The other fit has other times and is not drawn.' : ''}${still.length ? ` Never changing, and not drawn: ${still.join(', ')}.` : ''}${other.error ? ` The other fit: ${other.error.detail}.` : ''}`}>
       <${Strips} time=${time} strips=${strips} whole=${ends} range=${range} parts=${parts} zone=${zone} onZoom=${zoom} label=${summaryOf(data)} />
     </${Frame}>

@@ -1,15 +1,13 @@
-// The front of a system for whoever runs it: what it is now, what comes, how yesterday's forecast did, and what to do next.
+// The front of a system for whoever runs it: what it is now, what comes, and how yesterday's forecast did.
 import { html } from '../html.js';
 import { useResource, withQuery } from '../api.js';
-import { systemAddress } from '../router.js';
-import { useEvents } from '../events.js';
-import { number, fixed, seconds, instant, fromNow, clock, horizon, percent, NONE } from '../format.js';
+import { useAfterJobs } from '../events.js';
+import { number, fixed, seconds, instant, fromNow, clock, horizon, hoursOf, percent, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
-import { Status } from '../parts/status.js';
 import { Loading } from '../parts/screens.js';
 import { forecasts, outputIn } from '../parts/outputs.js';
 import { Curve } from '../charts/curve.js';
-import { linesOf } from './fit.js';
+import { linesOf } from '../charts/lines.js';
 
 const DAY_S = 24 * 3600;
 const POINTS = 400;
@@ -27,9 +25,8 @@ const middle = line => {
   return values ?? min.map((low, at) => (low === null ? null : (low + max[at]) / 2));
 };
 
-export function Front({ system, fit, metrics, params, document, row, waiting, query }) {
+export function Front({ system, fit, metrics, params, document, query }) {
   const windows = useResource(`/systems/${system}/windows?page_size=1`);
-  const diagnoses = useResource(`/diagnoses?system=${encodeURIComponent(system)}&page_size=1`);
   const kept = useResource(`/systems/${system}/forecast/inputs`);
   const scores = useResource(`/systems/${system}/forecast/scores`);
   const to = windows.data?.items[0]?.to ?? null;
@@ -52,10 +49,7 @@ export function Front({ system, fit, metrics, params, document, row, waiting, qu
   const why = whyNone({ params, ahead, reach, zone });
   const coming = withQuery(`/systems/${system}/forecast`, { horizon: reach && `PT${Math.min(reach.hours, 24)}H` });
   const next = useResource(reach && !why ? coming : null);
-  useEvents((kind, data) => kind === 'finished' && data.system === system && [windows, diagnoses, scores].forEach(resource => resource.reload()));
-  const step = stepOf({
-    params, row, waiting, to, diagnosis: diagnoses.data?.items[0], known: diagnoses.data !== null, model: document.model,
-  });
+  useAfterJobs(system, windows, scores, next);
   return html`<section class="front" aria-label="At a glance">
     <div>
       <dl class="figures">
@@ -64,7 +58,6 @@ export function Front({ system, fit, metrics, params, document, row, waiting, qu
       </dl>
       <p>${fares({ name, metrics, params, past: past.data, scores: scores.data })}</p>
       ${(why || next.error) && html`<p class="quiet">${why ?? `No forecast: ${next.error.errors?.[0]?.detail ?? next.error.detail}.`}</p>`}
-      <p><${Next} step=${step} system=${system} /></p>
     </div>
     <div>${past.loading && !past.data && html`<${Loading} what="the last day" />`}${output && html`<${Days} name=${name} unit=${output.unit} past=${past.data} newest=${newest} zone=${zone} ahead=${ahead}
       to=${next.data?.outputs[name] ? next.data : null} path=${next.data ? coming : null} />`}</div>
@@ -99,7 +92,7 @@ function reachOf(past, kept, newestWindow, newest) {
 
 /** One sentence: how well forecasts of a day have done. */
 function fares({ name, metrics, params, past, scores }) {
-  const said = scores?.outputs[name]?.leads.findLast(lead => lead.n > 0 && horizonHours(lead.lead) <= 24);
+  const said = scores?.outputs[name]?.leads.findLast(lead => lead.n > 0 && hoursOf(lead.lead) <= 24);
   if (said)
     return `What it said ${horizon(said.lead)} ahead was wrong by ${fixed(said.rmse)} ${scores.outputs[name].unit}, and ${percent(said.within95)}
       of what came lay in its band; holding the last value errs by ${fixed(said.persistence)}.`;
@@ -111,33 +104,6 @@ function fares({ name, metrics, params, past, scores }) {
       ${fixed(usual.rmse)} ${unit}, holding the last value by ${fixed(usual.persistence)}.`;
   if (metrics[name]) return `On unseen data its free run errs by ${fixed(metrics[name].validation_rmse)} ${unit}.`;
   return params ? 'Nothing is known of its errors yet.' : 'Nothing was fitted yet.';
-}
-
-const horizonHours = lead => {
-  const [, days, hours] = /^P(?:(\d+)D)?(?:T(\d+)H)?$/.exec(lead) ?? [];
-  return 24 * Number(days ?? 0) + Number(hours ?? 0);
-};
-
-/** The one thing that helps most now: what it is called, the tab where it is done, and why. */
-function stepOf({ params, row, waiting, to, diagnosis, known, model }) {
-  if (!to) return ['Upload measurements', 'data'];
-  if (waiting) return ['Decide on the fit that waits, above', null];
-  if (!params && row?.latest_outcome === 'rejected') return ['See why the newest fit was rejected', 'parameters'];
-  if (params?.status === 'stale') return ['Upload newer measurements', 'data'];
-  if (params?.status === 'fallback') return ['See why the newest fit is not served', 'parameters'];
-  if (params?.status === 'degraded') return ['See where it fails', 'fails'];
-  if (!known) return null;
-  if (diagnosis?.model !== model) return ['Find out what is missing', 'missing'];
-  if (diagnosis.verdict === 'named') return ['Look at what is missing', 'missing'];
-  return ['Nothing needs to be done', null];
-}
-
-function Next({ step, system }) {
-  if (!step) return '';
-  const [title, tab] = step;
-  return tab
-    ? html`<a class="button" href=${systemAddress(system, tab)}>${title}</a>`
-    : html`<${Status} of=${title.startsWith('Nothing') ? 'ok' : 'attention'} label=${title} />`;
 }
 
 /** A day back, measured and as it was forecast the day before, and a day to come with its band of 95 %. */

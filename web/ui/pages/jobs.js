@@ -16,9 +16,8 @@ const ENDED = STATES.slice(2);
 /** Rows of a part at first, and as many more each time; the service gives no more at once than the most. */
 const STEP = 25;
 const MOST = 500;
-/** About what the service says of a job, in bytes, and of how many there are in each state. */
-const BYTES_PER_JOB = 1600;
-const BYTES_OF_COUNTS = 5000;
+/** Lists that are read anew while jobs come and go. */
+const LISTS = 3;
 
 const RANKS = ['interactive', 'operator', 'nightly'];
 const byTime = field => (one, other) => Date.parse(one[field] ?? 0) - Date.parse(other[field] ?? 0);
@@ -37,26 +36,25 @@ export function Jobs({ query }) {
   const queued = useResource(wanted('queued') ? withQuery('/jobs', { order: 'turn', page_size: sizes.queued }) : null);
   const ended = useResource(wantsEnded ? withQuery('/jobs', { order: 'ended', state: query.state, page_size: sizes.ended }) : null);
   const counts = useResource('/jobs/counts');
-  const batches = useList('/batches');
+  const batches = useResource(withQuery('/batches', { page_size: STEP }));
   const schedules = useList('/schedules');
   const [heard, setHeard] = useState({});
   const [progress, setProgress] = useState({});
-  const countAgain = usePaced(() => counts.reload());
-  // The rows themselves come with the events; what waits is read on where most of what is shown has gone.
-  const queueAgain = usePaced(() => queued.reload());
-  const batchesAgain = usePaced(() => batches.reload());
+  // The rows themselves come with the events; what waits is read on when some of it has gone.
+  const [countAgain, queueAgain, batchesAgain] = [counts, queued, batches].map(list => usePaced(list, LISTS));
   useEvents((kind, data) => {
     if (kind === 'progress') setProgress(before => ({ ...before, [data.job]: data }));
     else if (kind !== 'incumbent') {
       setHeard(before => ({ ...before, [data.id]: data }));
-      countAgain(BYTES_OF_COUNTS);
-      if (kind === 'started') queueAgain(sizes.queued * BYTES_PER_JOB * 2);
-      if (kind === 'queued') batchesAgain(sizes.queued * BYTES_PER_JOB * 2);
+      countAgain();
+      if (kind === 'started') queueAgain();
+      else batchesAgain();
     }
   });
   const next = (schedules.data ?? [])
     .filter(schedule => schedule.enabled)
-    .flatMap(schedule => schedule.next_runs.slice(0, 1).map(at => [schedule.name, at]))[0];
+    .flatMap(schedule => schedule.next_runs.slice(0, 1).map(at => [schedule.name, at]))
+    .sort(([, one], [, other]) => Date.parse(one) - Date.parse(other))[0];
   const nextRun = next && html`<p>The schedule ${next[0]} runs ${fromNow(next[1])}.</p>`;
   const more = part => () => setSizes({ ...sizes, [part]: Math.min(sizes[part] + STEP, MOST) });
   const of = state => counts.data?.[state];
@@ -80,8 +78,8 @@ export function Jobs({ query }) {
     ${wanted('queued') && part('queued', 'Waiting, in the order of their turn', queued, waits, of('queued'), sizes.queued)}
     ${wantsEnded && part('ended', 'Ended, the newest first', ended, ends,
       query.state ? of(query.state) : counts.data && ENDED.reduce((sum, state) => sum + of(state), 0), sizes.ended)}
-    ${batches.data?.length > 0 && html`<h2>Batches</h2><ul>
-      ${batches.data.map(batch => html`<li><a href=${address(['batches', batch.id])}>${batchName(batch, batch.jobs)}</a>${
+    ${listed(batches).length > 0 && html`<h2>Batches</h2><ul>
+      ${listed(batches).map(batch => html`<li><a href=${address(['batches', batch.id])}>${batchName(batch, batch.jobs)}</a>${
         batch.finished ? '' : html` <${Status} of="running" />`}</li>`)}</ul>`}`;
 }
 
@@ -92,7 +90,7 @@ function Part({ name, title, of, rows, count, size, more, progress }) {
     <section class="queue"><h2>${title} <span class="quiet">${count ?? ''}</span></h2>
     <${Table} caption=${title} hidden columns=${[['job'], ['state'], ['kind'], ['system'], ['model'], ['why'], ['evaluations', 'number'],
       [name === 'running' ? 'time left' : 'took', 'number'], [name === 'ended' ? 'ended' : 'asked for'], ['']]}
-      rows=${shown.map(job => rowOf(job, progress[job.id]))} />
+      keys=${shown.map(job => job.id)} rows=${shown.map(job => rowOf(job, progress[job.id]))} />
     ${count > shown.length && more && html`<p class="row"><span class="quiet">${shown.length} of ${count} are shown.</span> ${size < MOST
       ? html`<button onClick=${more}>Show ${Math.min(STEP, count - shown.length)} more</button>`
       : html`<span class="quiet">The others are in <code>GET /jobs</code>.</span>`}</p>`}</section>`} />`;

@@ -1,18 +1,17 @@
 // The error ladder: effects added one after another while the error on unseen data falls.
 import { html, useState } from '../html.js';
 import { useResource, useList, post } from '../api.js';
-import { hasEnded } from '../events.js';
+import { hasEnded, useAfterJobs } from '../events.js';
 import { sayFault } from '../say.js';
-import { number, fixed, horizon, clock, plainly } from '../format.js';
+import { number, fixed, horizon, clock, plainly, NOISE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Status } from '../parts/status.js';
 import { Empty, Failed, Loading } from '../parts/screens.js';
 import { JobWatch } from '../parts/watch.js';
 import { Table } from '../parts/table.js';
-import { useAdoption, grownFrom } from '../parts/adopt.js';
+import { useAdoption } from '../parts/adopt.js';
+import { grownFrom } from '../parts/experiment.js';
 import { LadderChart } from '../charts/ladder.js';
-
-const NOISE = '× noise';
 
 export function LadderTab({ system, document, reload, changed }) {
   const path = `/systems/${system}/ladder`;
@@ -22,6 +21,8 @@ export function LadderTab({ system, document, reload, changed }) {
   const ladder = useResource(climbed ? path : null);
   const [started, setStarted] = useState(null);
   const running = started ?? jobs.data?.find(job => !hasEnded(job))?.id ?? null;
+  // What is watched tells its end by itself.
+  useAfterJobs(running ? null : system, jobs, ladder);
   const climb = () => post('/jobs', { kind: 'ladder', system }).then(job => setStarted(job.id), sayFault);
   const done = () => {
     setStarted(null);

@@ -1,6 +1,6 @@
 // What a maximised likelihood says: its noise, where the local runs ended, and how sharply it is peaked in each parameter.
 import { html } from '../html.js';
-import { number, named, NONE } from '../format.js';
+import { number, named, unitOf, NONE } from '../format.js';
 import { useTitles } from '../parts/names.js';
 import { Term } from '../parts/term.js';
 import { Table } from '../parts/table.js';
@@ -72,8 +72,7 @@ function Profiles({ fit, found }) {
     <div class="small-multiples">${entries.map(([name, profile]) => {
       const peak = Math.max(...profile.log_likelihood);
       const ends = [profile.values[0], profile.values.at(-1)];
-      const { unit: own = '' } = fit.parameters[name] ?? {};
-      const unit = own === '-' ? '' : own;
+      const unit = unitOf(fit.parameters[name]?.unit ?? '');
       return html`<div><b>${named(name, titles)}</b> <small class="quiet">${side(profile.ci95[0])} to ${side(profile.ci95[1])} ${unit}</small>
         <${Curve} height=${130} xLabel=${unit} yLabel="" label=${`${name}: 95 % from ${side(profile.ci95[0])} to ${side(profile.ci95[1])}`}
           across=${ends} range=${[Math.min(-4, ...profile.log_likelihood.map(value => value - peak)), 0]}

@@ -3,9 +3,9 @@ import { html, useState } from '../html.js';
 import { useResource, useList, post } from '../api.js';
 import { setQuery, address, systemAddress } from '../router.js';
 import { REPORT } from '../carried.js';
-import { hasEnded } from '../events.js';
+import { hasEnded, useAfterJobs } from '../events.js';
 import { sayFault } from '../say.js';
-import { number, percent, horizon, clock, signed, fixed, chance, NONE } from '../format.js';
+import { number, percent, horizon, clock, signed, fixed, chance, sentence, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
 import { Parameter, useTitles } from '../parts/names.js';
 import { Term } from '../parts/term.js';
@@ -34,6 +34,8 @@ export function Missing({ system, document, metrics, query, reload, changed }) {
   const id = query.diagnosis ?? (ofNow ?? diagnoses.data?.[0])?.id ?? null;
   const diagnosis = useResource(id && `/diagnoses/${id}`);
   const running = query.job ?? jobs.data?.find(job => !hasEnded(job))?.id ?? null;
+  // What is watched tells its end by itself.
+  useAfterJobs(running ? null : system, diagnoses, jobs);
   const search = () => post('/jobs', { kind: 'diagnose', system }).then(job => setQuery({ job: job.id }), sayFault);
   const found = job => {
     setQuery({ job: null, diagnosis: job.diagnosis, steps: null, adding: null });
@@ -91,12 +93,12 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
       <p class="verdict">${
         isOlder
           ? html`<${Status} of="unknown" label="" /> This was looked at with ${data.model}, ${changeOf(data, document.model)}`
-          : html`<${Status} of=${data.verdict === 'named' ? 'attention' : data.verdict} label="" /> ${SAYS[data.verdict]}`
+          : html`<${Status} of=${data.verdict} label="" /> ${SAYS[data.verdict]}`
       }</p>
       ${search && html`<button class=${isOlder ? 'main' : ''} onClick=${search}>Look again${isOlder ? ' with the present model' : ''}</button>`}
     </div>
     ${isOlder && html`<p>What the present model, ${document.model}, is missing is not known until somebody looks again. Then it said:</p>`}
-    <p>${data.summary[0].toUpperCase()}${data.summary.slice(1)}. <span
+    <p>${sentence(data.summary)}. <span
       class="quiet">Model ${data.model}, ${clock(data.created_at)}. ${
         weighed ? html`<${Term} of="noise floor">Noise floor</${Term}> ${number(data.noise_floor_rmse)} ${several ? 'times the noise of the sensors' : unit}; the error is <${Term} of="rho">${number(data.rho)} times</${Term}> what noise would leave.` : ''
       }</span></p>
@@ -132,7 +134,7 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
 function Present({ effects }) {
   if (!effects?.length) return null;
   return html`<section class="card" aria-labelledby="present"><h3 id="present">What the model has already</h3>
-    ${effects.map(({ effect, sentence, pooled }) => html`<p key=${effect}>${pooled?.taken_back ? '▲ ' : ''}${sentence}
+    ${effects.map(({ effect, sentence: says, pooled }) => html`<p key=${effect}>${pooled?.taken_back ? '▲ ' : ''}${says}
       ${pooled?.windows > 1 && !pooled.taken_back && html` <span class="quiet">${pooled.sentence}</span>`}</p>`)}
     <details><summary>The numbers</summary><${Table} caption="Each effect beside the model without it"
       columns=${[['effect'], ['model without it'], ['size', 'number'], ['deviation', 'number'], ['unit'], ['t', 'number'], ['of the error', 'number'], ['p of shifts', 'number'], ['windows', 'number']]}
@@ -179,7 +181,7 @@ function Finding({ finding, data, path, output, zone, added, add }) {
         ${finding.tied_with.length > 0 &&
           html`<p>▲ The data <${Term} of="tie">cannot tell it</${Term}> from ${finding.tied_with.join(', ')}. ${finding.separate_by ?
             `To tell them apart: ${finding.separate_by}.` : ''}</p>`}
-        <ul>${finding.evidence.map(sentence => html`<li>${sentence}</li>`)}</ul>
+        <ul>${finding.evidence.map(said => html`<li>${said}</li>`)}</ul>
         <details><summary>Its parameters</summary><${Table} caption="Parameters of this effect" hidden
           columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['unit'], ['']]}
           rows=${Object.entries(finding.parameters).map(([name, entry]) => [html`<${Parameter} symbol=${name} titles=${titles} />`, number(entry.value), entry.ci95 ?
@@ -209,7 +211,7 @@ function Unexplained({ unexplained, path, system, model, output, unit }) {
   );
   const says = `${percent(unexplained.share)} of the error beyond the noise has no name yet. By hour of the day it is largest at ${worst} h: ${signed(unexplained.profile_by_hour[worst], 3)} ${rate} that the model does not know.`;
   return html`<section class="card"><h3>What no effect explains: ${percent(unexplained.share)} of the error</h3>
-    ${unexplained.ask && html`<p>${unexplained.ask[0].toUpperCase()}${unexplained.ask.slice(1)}</p>`}
+    ${unexplained.ask && html`<p>${sentence(unexplained.ask)}</p>`}
     <div class="grid">
       ${
         known &&

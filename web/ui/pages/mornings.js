@@ -3,8 +3,10 @@ import { html } from '../html.js';
 import { useList, useResource } from '../api.js';
 import { address, systemAddress } from '../router.js';
 import { useEvents } from '../events.js';
+import { usePaced } from '../pace.js';
 import { clock, fixed, horizon, number, NONE } from '../format.js';
 import { Status } from '../parts/status.js';
+import { Linked } from '../parts/linked.js';
 import { Table } from '../parts/table.js';
 import { Command } from '../parts/frame.js';
 import { Shown, Empty } from '../parts/screens.js';
@@ -16,7 +18,8 @@ const date = night => new Intl.DateTimeFormat('en-GB', { weekday: 'long', day: '
 
 export function Mornings() {
   const nights = useList('/nights');
-  useEvents(kind => kind === 'finished' && nights.reload());
+  const again = usePaced(nights);
+  useEvents(kind => kind === 'finished' && again());
   const empty = html`<${Empty} title="No night has passed yet"><p>Schedules fit and diagnose rooms by night; each morning has a report here.
     <a href=${address(['schedules'])}>See when they run</a>, or run one now.</p></${Empty}>`;
   return html`<h1>Mornings</h1>
@@ -37,7 +40,8 @@ export function Mornings() {
 
 export function Morning({ id }) {
   const night = useResource(`/nights/${encodeURIComponent(id)}`);
-  useEvents(kind => kind === 'finished' && night.data && !night.data.finished && night.reload());
+  const again = usePaced(night);
+  useEvents(kind => kind === 'finished' && night.data && !night.data.finished && again());
   return html`<${Shown} of=${night} what="the report" show=${data => html`<${Report} data=${data} />`} />`;
 }
 
@@ -100,7 +104,6 @@ function Turn({ before, after }) {
 }
 
 function Names({ systems, tab, most = NAMED }) {
-  const shown = systems.slice(0, most);
-  const more = systems.length - shown.length;
-  return html`${shown.map((system, at) => html`${at > 0 ? ', ' : ''}<a href=${systemAddress(system, tab)}>${system}</a>`)}${more > 0 ? ` and ${more} more` : ''}`;
+  const more = systems.length - most;
+  return html`<${Linked} systems=${systems.slice(0, most)} to=${system => systemAddress(system, tab)} />${more > 0 ? ` and ${more} more` : ''}`;
 }

@@ -1,9 +1,10 @@
 // Which rooms are next door, proposed from how alike their temperatures move; what is right is taken over.
 import { html, useState } from '../html.js';
-import { ask, every, put, useList, useResource, curl } from '../api.js';
+import { ask, every, putSystem, useResource, curl } from '../api.js';
+import { useSystems } from '../systems.js';
 import { setQuery, systemAddress } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { clock, instant, length, seconds, withUnit } from '../format.js';
+import { clock, instant, length, reading, seconds } from '../format.js';
 import { save, Frame } from '../parts/frame.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
@@ -16,8 +17,7 @@ const MOST_POINTS = 10_080;
 const SHOWN = 20;
 const CHANNEL = 'T_room';
 const FILE = 'temperatures.csv';
-/** A correlation has no unit. */
-const shown = correlation => withUnit(correlation, '').trim();
+const shown = correlation => reading(correlation, 2);
 const columnOf = system => `T_${system.replace('/', '_')}`;
 
 /** The temperatures of a system, `{system, column, time, values}`; or why it has none here, `{system, why}`. */
@@ -63,17 +63,17 @@ async function propose(path, { signal }) {
 }
 
 export function Neighbours({ query }) {
-  const systems = useList('/systems');
-  const named = query.system ?? systems.data?.find(row => row.system.startsWith('room/'))?.system ?? null;
+  const systems = useSystems();
+  const named = query.system ?? systems.rows?.find(row => row.system.startsWith('room/'))?.system ?? null;
   const proposal = useResource(named && `/systems/${named}`, { read: propose });
   const empty = html`<${Empty} title="No systems yet"><p>Rooms that are measured at the same time can be compared.</p></${Empty}>`;
   return html`
     <div class="row apart"><h1>Neighbours</h1>
       <label class="inline">Measured beside <select value=${named} onChange=${event => setQuery({ system: event.target.value })}>
-        ${(systems.data ?? []).map(({ system, label }) =>
+        ${(systems.rows ?? []).map(({ system, label }) =>
           html`<option value=${system} selected=${system === named}>${system}${label ? `, ${label}` : ''}</option>`)}</select></label></div>
     <p>Rooms next door warm each other. Where nobody has the plan of the building, their temperatures propose who is next to whom.</p>
-    <${Shown} of=${systems} what="the systems" empty=${empty} show=${() => html`
+    <${Shown} of=${{ ...systems, data: systems.rows }} what="the systems" empty=${empty} show=${() => html`
       <${Shown} of=${proposal} what="the temperatures of all rooms" show=${data =>
         data ? html`<${Proposal} key=${data.beside} ...${data} />` : html`<${Empty} title="Nothing to compare"><p>${named} has no measurements
           yet. Choose a room that was measured beside others.</p></${Empty}>`} />`} />`;
@@ -85,9 +85,9 @@ function Proposal({ beside, range, rooms, csv, layout, documents: read, without 
   const taken = document => setDocuments(before => ({ ...before, [document.system]: document }));
   const add = async (system, neighbour) => {
     setRefused(null);
-    const { system: _, ...body } = documents[system];
+    const seen = documents[system];
     try {
-      taken(await put(`/systems/${system}`, { ...body, neighbours: [...body.neighbours, neighbour] }, { seen: documents[system] }));
+      taken(await putSystem(seen, { ...seen, neighbours: [...seen.neighbours, neighbour] }));
       say(`${neighbour} is a neighbour of ${system}`);
     } catch (fault) {
       setRefused({ fault, system });

@@ -6,7 +6,8 @@ import { say, sayFault } from '../say.js';
 import { Columns, Drop, HowRead, bindingsOf, saidOf, useReading } from '../parts/reading.js';
 import { Status } from '../parts/status.js';
 import { Table } from '../parts/table.js';
-import { Failed, NotSaved } from '../parts/screens.js';
+import { Linked } from '../parts/linked.js';
+import { NotSaved } from '../parts/screens.js';
 
 const KIND = 'room';
 /** Of so many rooms every pair is shown; of more only those that move together. */
@@ -93,8 +94,8 @@ function Rooms({ reading, proposed, models }) {
   };
   const look = kind => post('/jobs', { kind, systems: made }).then(batch => go(address(['batches', batch.id])), sayFault);
   if (several && made.length > 0 && made.length === used.length)
-    return html`<div class="outcome"><p class="says">${made.length} rooms are there with their measurements: ${made.map((system, at) => html`${at ? ', ' : ''}<a
-      href=${systemAddress(system, 'data')}>${system}</a>`)}.</p>
+    return html`<div class="outcome"><p class="says">${made.length} rooms are there with their measurements: <${Linked} systems=${made}
+      to=${system => systemAddress(system, 'data')} />.</p>
       <p class="row"><button class="main" onClick=${() => look('diagnose')}>Find what is missing in all of them</button><button
         onClick=${() => look('recalibrate')}>Fit them for the controller</button></p></div>`;
   const named = Object.fromEntries(rooms.map(room => [room.id, room.label]));
@@ -110,13 +111,13 @@ function Rooms({ reading, proposed, models }) {
       <p class="quiet">Rooms next door warm each other. Those that move together are marked; you know the plan better.</p>
       <ul>${pairs.map((pair, at) => html`<li><label class="inline"><input type="checkbox" checked=${pair.use}
         onChange=${event => changePair(at, { use: event.target.checked })} /> ${pair.rooms.map(id => original[id].label).join(' beside ')}${pair.correlation === null ? '' : `, correlation ${pair.correlation.toFixed(2)}`}</label></li>`)}</ul></details>`}
-    <label class="inline">Model <select aria-label="Model" value=${model} onChange=${event => setModel(event.target.value)}>
+    <label class="inline">Model <select value=${model} onChange=${event => setModel(event.target.value)}>
       ${models.map(({ id, title }) => html`<option value=${id} selected=${id === model}>${id}: ${title}</option>`)}</select></label>
     <details><summary>Columns: ${columns.filter(({ use }) => use).length} of ${columns.length} are used</summary><${Columns} of=${reading}
       rooms=${several ? rooms.map((room, at) => ({ id: proposed[at].id, label: named[room.id] })) : null} /></details>
     ${made.length > 0 && html`<p><${Status} of="ok" label=${`${made.length} of ${used.length} are there`} /></p>`}
-    ${error && (error.type === 'not-as-expected' ? html`<${NotSaved} error=${error}><p>There is a system of that name already, and nothing of it was changed. Choose another
-      name.</p></${NotSaved}>` : html`<${Failed} error=${error} />`)}
+    ${error && html`<${NotSaved} error=${error}><p>There is a system of that name already, and nothing of it was changed. Choose another
+      name.</p></${NotSaved}>`}
     <p class="row end"><button class="main" disabled=${busy || used.length === 0}>${several ? `Add ${used.length} rooms with their measurements` : 'Add it with its measurements'}</button></p>
   </form>`;
 }

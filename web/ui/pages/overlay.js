@@ -4,8 +4,8 @@ import { useResource, withQuery } from '../api.js';
 import { fixed, number, seconds } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Failed, Loading } from '../parts/screens.js';
+import { linesOf, sampled } from '../charts/lines.js';
 import { Strips } from '../charts/strips.js';
-import { linesOf, sampled } from './fit.js';
 
 const POINTS = 2000;
 

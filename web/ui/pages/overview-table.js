@@ -4,8 +4,8 @@ import { systemAddress, setQuery } from '../router.js';
 import { NONE, length, fixed, fromNow, clock, horizon, plainly, words } from '../format.js';
 import { Status, Flags } from '../parts/status.js';
 import { Spark } from '../charts/spark.js';
-import { SEVERITY } from '../systems.js';
-import { COLUMNS, toggledIn } from './overview-view.js';
+import { needsSomebody, SEVERITY } from '../systems.js';
+import { COLUMNS, placeOf, toggledIn } from './overview-view.js';
 
 /** A text whose long names may be broken at their underscores. */
 const breakable = text => text.split(/(?<=_)/).map((part, at) => (at ? html`<wbr />${part}` : part));
@@ -13,10 +13,10 @@ const breakable = text => text.split(/(?<=_)/).map((part, at) => (at ? html`<wbr
 /** The next press turns the order round, and the third gives the worst first again. */
 const turned = (sort, name) => (sort === name ? `-${name}` : sort === `-${name}` ? null : name);
 
-function Head({ sort, all, some, chooseAll }) {
+function Head({ sort, all, some, count, chooseAll }) {
   const direction = name => (sort === name ? 'ascending' : sort === `-${name}` ? 'descending' : 'none');
   return html`<thead role="rowgroup"><tr role="row">
-    <th role="columnheader" scope="col"><input type="checkbox" aria-label="Select all that are shown" checked=${all} indeterminate=${some && !all}
+    <th role="columnheader" scope="col"><input type="checkbox" aria-label=${`Select all ${count} that match`} checked=${all} indeterminate=${some && !all}
       onChange=${event => chooseAll(event.target.checked)} /></th>
     ${COLUMNS.map(
       ([name, title, , kind]) => html`<th role="columnheader" scope="col" class=${kind} aria-sort=${direction(name)}><button class="sort"
@@ -71,15 +71,15 @@ function TrendCell({ row }) {
 
 function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regroup, run }) {
   const is = running ?? { queued: 'waits', running: 'runs' }[row.latest_state];
-  const group = row.group || row.kind;
+  const group = placeOf(row);
   return html`<tr role="row" class=${chosen ? 'chosen' : ''} aria-current=${current ? 'true' : null}>
     <td role="cell"><input type="checkbox" aria-label=${`Select ${row.system}`} checked=${chosen} onChange=${() => toggle(row.system)} /></td>
     <th role="rowheader" scope="row" class="name"><a href=${systemAddress(row.system)} onFocus=${() => setAt(row.system)}>${row.system}</a><small
       title=${row.label}>${row.label || row.model}</small><small class="where"><button class="plain in" title=${`Show only ${group}`}
       onClick=${() => setQuery({ in: group, page: null })}>${group}</button><button class="plain in" title="Change the group"
       aria-label=${`Change the group of ${row.system}`} onClick=${() => regroup([row])}>✎</button></small></th>
-    <td role="cell" data-label="Health"><span class="nowrap"><${Status} of=${row.health} help="quiet" />${
-      !['none', 'wait'].includes(row.next.code) && html` <a class="next" href=${row.next.href}>${row.next.text}</a>`
+    <td role="cell" data-label="Health"><span class="nowrap state"><${Status} of=${row.health} help="quiet" />${
+      needsSomebody(row) && html` <a class="next" href=${row.next.href}>${row.next.text}</a>`
     }</span><div class="why clamped" title=${row.why}>${breakable(plainly(row.why))}</div></td>
     <td role="cell" data-label="Served" class="nowrap"><${Status} of=${row.status ?? 'none'} help="quiet" /><small>
       ${row.revision === null ? 'no revision' : `revision ${row.revision}, ${length(row.age_s)} old`}</small></td>
@@ -97,14 +97,14 @@ function SystemRow({ row, current, chosen, toggle, setAt, running, refit, regrou
 }
 
 /**
- * `shown` are the lines of this page, `at` names the line where the keyboard is; `actions` are what can be done for many,
+ * `shown` are the lines of this page, `count` systems match, on all pages together; `at` names the line where the keyboard is; `actions` are what can be done for many,
  * by the code of the next step.
  */
-export function SystemsTable({ shown, at, setAt, query, chosen, toggle, all, chooseAll, running, refit, regroup, nextRun, actions, table, compact }) {
+export function SystemsTable({ shown, at, setAt, query, chosen, toggle, all, count, chooseAll, running, refit, regroup, nextRun, actions, table, compact }) {
   const caption = query.sort ? `Systems by ${words(query.sort.replace('-', ''))}` : 'Systems, worst first';
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}><table role="table" class=${`systems cards ${compact ? 'compact' : ''}`} ref=${table}>
     <caption role="caption" class="unseen">${caption}</caption>
-    <${Head} sort=${query.sort} all=${all} some=${chosen.size > 0} chooseAll=${chooseAll} />
+    <${Head} sort=${query.sort} all=${all} some=${chosen.size > 0} count=${count} chooseAll=${chooseAll} />
     <tbody role="rowgroup">${shown.map(line =>
       line.head
         ? html`<${GroupHead} key=${line.head} line=${line} open=${query.open} actions=${actions} current=${line.head === at} setAt=${setAt} />`

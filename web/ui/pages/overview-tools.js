@@ -1,6 +1,6 @@
 // What stands above the table: what is shown of it, filters that are kept by name, and the group of one or many systems.
 import { html, useState } from '../html.js';
-import { ask, put } from '../api.js';
+import { ask, putSystem } from '../api.js';
 import { setQuery, go, address } from '../router.js';
 import { say } from '../say.js';
 import { number, words } from '../format.js';
@@ -116,8 +116,7 @@ export function Regroup({ rows, groups, close }) {
       for (const [at, { system }] of rows.entries()) {
         setLeft(rows.length - at);
         const seen = await ask(`/systems/${system}`);
-        const { system: _, ...body } = seen;
-        await put(`/systems/${system}`, { ...body, group: group.trim() }, { seen });
+        await putSystem(seen, { ...seen, group: group.trim() });
         refresh(system);
       }
       say(`${rows.length === 1 ? rows[0].system : `${rows.length} systems`}: ${group.trim() ? `in ${group.trim()}` : 'in no group'}`);

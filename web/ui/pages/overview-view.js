@@ -24,9 +24,15 @@ export const COLUMNS = [
   ['run', 'Next fit', (row, nextRun) => seconds(nextRun(row))],
 ];
 
+/** Where a system is: its group, or what kind it is of. */
+export const placeOf = row => row.group || row.kind;
+
+/** Whether a row lies in a group or below it; without a path everything does. */
+export const isWithin = (row, path) => !path || placeOf(row) === path || row.group.startsWith(`${path}/`);
+
 /** By what rows are gathered: the name in the address, the title, and the value of a row. */
 export const GROUPINGS = [
-  ['group', 'Group', row => row.group || row.kind],
+  ['group', 'Group', placeOf],
   ['kind', 'Kind', row => row.kind],
   ['health', 'Health', row => row.health],
   ['model', 'Model', row => row.model ?? 'no model'],
@@ -34,7 +40,7 @@ export const GROUPINGS = [
 ];
 
 /** The worst first: by health, then by the error, then by name. */
-const worstFirst = (a, b) => a.severity - b.severity || (b.size ?? 0) - (a.size ?? 0) || a.order - b.order;
+export const worstFirst = (a, b) => a.severity - b.severity || (b.size ?? 0) - (a.size ?? 0) || a.order - b.order;
 
 /** All rows in the order that is asked for; whatever is left out later keeps it. */
 export function sorted(all, sort, nextRun) {
@@ -54,9 +60,6 @@ export function sorted(all, sort, nextRun) {
   return rows.sort((a, b) => sign * compared(a, b) || a.order - b.order);
 }
 
-/** Whether a row lies in a group or below it. */
-const isIn = (row, path) => row.group === path || row.group.startsWith(`${path}/`) || (!row.group && row.kind === path);
-
 /** The rows that are asked for. */
 export function filtered(rows, { search, health, in: path, next }) {
   const wanted = (search ?? '').toLowerCase().split(/\s+/).filter(Boolean);
@@ -64,7 +67,7 @@ export function filtered(rows, { search, health, in: path, next }) {
     row =>
       (!health || row.health === health) &&
       (!next || row.next.code === next) &&
-      (!path || isIn(row, path)) &&
+      isWithin(row, path) &&
       wanted.every(word => row.text.includes(word)),
   );
 }

@@ -142,7 +142,11 @@ function Systems({ rows, complete, running, schedules, query }) {
     k: ['row before', () => move(-1)],
     Enter: [
       null,
-      () => (document.activeElement?.closest('a, button, summary') ?? null)?.click() ?? (current?.system && go(systemAddress(current.system))),
+      () => {
+        const focused = document.activeElement?.closest('a, button, summary');
+        if (focused) focused.click();
+        else if (current?.system) go(systemAddress(current.system));
+      },
     ],
     x: ['select the row', () => current && (current.head ? choose(current.rows.map(row => row.system)) : toggle(current.system))],
     r: ['refit what is selected, or the row', () => refit(chosen.size ? [...chosen] : current?.system ? [current.system] : [])],
@@ -167,7 +171,7 @@ function Systems({ rows, complete, running, schedules, query }) {
     <${Tools} query=${query} page=${page} count=${all.length} chosen=${chosen} complete=${complete}
       regroup=${() => setRegrouped(chosenRows())} />
     <${SystemsTable} shown=${shown} at=${at ?? (current ? nameOf(current) : null)} setAt=${setAt} query=${query} chosen=${chosen} toggle=${toggle}
-      all=${found.length > 0 && found.every(row => chosen.has(row.system))} chooseAll=${on => choose(found.map(row => row.system), on)}
+      all=${found.length > 0 && found.every(row => chosen.has(row.system))} count=${found.length} chooseAll=${on => choose(found.map(row => row.system), on)}
       running=${running} refit=${refit} regroup=${setRegrouped} nextRun=${nextRun} actions=${actions} table=${table}
       compact=${density(query) === 'compact'} />
     ${found.length === 0 && html`<${Empty} title="No system matches"><button

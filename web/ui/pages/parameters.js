@@ -1,10 +1,10 @@
 // The values, how sure they are, where their bounds lie; and what may be decided about them.
 import { html, useState } from '../html.js';
-import { useResource, useList, post, put, remove } from '../api.js';
+import { useResource, useList, put, remove } from '../api.js';
 import { REPORT } from '../carried.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
-import { number, fixed, clock, words, checkOf, operator, plainly, titleFor, NONE } from '../format.js';
+import { number, fixed, clock, words, checkOf, operator, plainly, sentence, titleFor, unitOf, NONE } from '../format.js';
 import { Check, Flags, Status, Verdict } from '../parts/status.js';
 import { Parameter, useParameters, useTitles } from '../parts/names.js';
 import { Term, explained } from '../parts/term.js';
@@ -12,16 +12,13 @@ import { Table } from '../parts/table.js';
 import { Frame } from '../parts/frame.js';
 import { Equations, Typeset } from '../parts/equations.js';
 import { Shown, Empty } from '../parts/screens.js';
-import { Reason } from '../parts/dialog.js';
+import { decision, Reason } from '../parts/dialog.js';
 import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
 import { Correlations, isOf } from './correlations.js';
 import { Likelihood } from './likelihood.js';
 import { Said } from './said.js';
 import { States } from './states.js';
-
-/** The unit of a number; a ratio has none. */
-const unitOf = ({ unit }) => (unit === '-' ? '' : unit);
 
 export function Parameters({ system, document, params, fit, reload }) {
   const chosen = useResource(fit && `/fits/${fit}`);
@@ -91,16 +88,16 @@ export function Values({ fit, history }) {
         ...(history.length ? [['since before', 'number'], ['history']] : [])]}
       rows=${entries.map(([name, entry]) => [
         html`<${Parameter} symbol=${name} titles=${titles} />`,
-        html`<b title=${entry.value}>${number(entry.value)}</b> ${unitOf(entry)}${entry.fixed ? ' (fixed)' : ''}`,
-        html`<span title=${entry.ci95?.join(' to ')}>${interval(entry.ci95)}</span> ${entry.ci95 ? unitOf(entry) : ''}`,
+        html`<b title=${entry.value}>${number(entry.value)}</b> ${unitOf(entry.unit)}${entry.fixed ? ' (fixed)' : ''}`,
+        html`<span title=${entry.ci95?.join(' to ')}>${interval(entry.ci95)}</span> ${entry.ci95 ? unitOf(entry.unit) : ''}`,
         html`<${Rail} value=${entry.value} interval=${entry.ci95} bounds=${entry.bounds} log=${scaleOf(name) === 'log'}
           atBound=${entry.at_bound} />
           ${entry.at_bound ? html`<${Status} of="bad" label=${html`<${Term} of="at bound">at bound</${Term}>`} />` : ''}`,
-        html`${number(entry.bounds[0])} to ${number(entry.bounds[1])} ${unitOf(entry)}<br /><small class="quiet">
+        html`${number(entry.bounds[0])} to ${number(entry.bounds[1])} ${unitOf(entry.unit)}<br /><small class="quiet">
           ${scaleOf(name) === 'log' ? explained('logarithmic') : 'linear'}</small>`,
         ...(history.length
           ? [
-              before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))} ${unitOf(entry)}`,
+              before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))} ${unitOf(entry.unit)}`,
               html`<${OfRevisions} name=${name} history=${history} unit=${entry.unit} />`,
             ]
           : []),
@@ -136,31 +133,21 @@ function OfRevisions({ name, history, unit }) {
 export function Judgement({ fit, ask: asking, done }) {
   const titles = useTitles(fit.model);
   const summary = plainly(fit.summary, { titles });
-  const decide = (word, title) => () =>
-    asking({
-      title,
-      text: `${fit.model}, ${summary}`,
-      word: title.split(' ')[0],
-      act: reason =>
-        post(`/fits/${fit.id}/${word}`, { reason }).then(() => {
-          say(`${title}: done`);
-          done();
-        }),
-    });
+  const decide = (word, title) => () => asking(decision(fit, word, { title, text: `${fit.model}, ${summary}`, done }));
   return html`<section>
     <div class="row apart"><h2>What the <${Term} of="gate">gate</${Term}> says: <${Verdict} fit=${fit} /></h2>
       ${fit.waits_for_operator && html`<span class="row"><button class="main"
         onClick=${decide('promote', 'Promote to the controller')}>Promote</button><button
           onClick=${decide('reject', 'Reject this fit')}>Reject</button></span>`}</div>
-    <p>${summary[0].toUpperCase()}${summary.slice(1)}.${fit.decision ?
+    <p>${sentence(summary)}.${fit.decision ?
       ` ${words(fit.decision.decision)} on ${clock(fit.decision.decided_at)}: ${fit.decision.reason}.` : ''}</p>
     <${Table} caption="Checks" columns=${[['check'], ['result'], ['statistic', 'number'], ['asked for', 'number'], ['what it means']]}
       rows=${fit.checks.map(check => [
         html`<${Check} name=${check.name} />`,
         html`<span class="nowrap"><${Status} of=${check.pass ? 'pass' : check.severity === 'reject' ? 'fail' : 'attention'}
           label=${check.pass ? 'passed' : check.severity === 'reject' ? 'failed' : `${check.severity}s`} /></span>`,
-        html`<span title=${check.statistic}>${number(check.statistic)}</span> ${unitOf(check)}`,
-        check.threshold === null ? NONE : `${operator(check.operator)} ${number(check.threshold)} ${unitOf(check)}`,
+        html`<span title=${check.statistic}>${number(check.statistic)}</span> ${unitOf(check.unit)}`,
+        check.threshold === null ? NONE : `${operator(check.operator)} ${number(check.threshold)} ${unitOf(check.unit)}`,
         plainly(check.comment, { titles }),
       ])} />
   </section>`;

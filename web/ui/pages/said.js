@@ -1,8 +1,8 @@
 // What forecasts said, beside what came: the error by how far ahead they looked.
 import { html } from '../html.js';
 import { useResource } from '../api.js';
-import { useEvents } from '../events.js';
-import { number, signed, percent, horizon, clock } from '../format.js';
+import { useAfterJobs } from '../events.js';
+import { number, signed, percent, horizon, hoursOf, clock } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
 import { Empty, Shown } from '../parts/screens.js';
@@ -11,16 +11,10 @@ import { Curve } from '../charts/curve.js';
 const TITLE = 'What it said, and what came';
 const COLUMNS = [['ahead'], ['forecasts', 'number'], ['rmse', 'number'], ['holding the last value', 'number'], ['bias', 'number'], ['in the 95 % band', 'number']];
 
-/** Hours of `PT6H` or `P2D`. */
-const hours = lead => {
-  const [, days, rest] = /^P(?:(\d+)D)?(?:T(\d+)H)?$/.exec(lead) ?? [];
-  return 24 * Number(days ?? 0) + Number(rest ?? 0);
-};
-
 export function Said({ system, zone }) {
   const path = `/systems/${system}/forecast/scores`;
   const scores = useResource(path);
-  useEvents((kind, data) => kind === 'finished' && data.system === system && scores.reload());
+  useAfterJobs(system, scores);
   return html`<h2>${TITLE}</h2><${Shown} of=${scores} what="the forecasts" show=${data => {
     const outputs = Object.entries(data.outputs).filter(([, { leads }]) => leads.some(row => row.n > 0));
     if (data.forecasts === 0)
@@ -39,7 +33,7 @@ const said = ({ forecasts, from, to, revisions }, zone) =>
 function Output({ output, unit, leads, path, says }) {
   const rows = leads.filter(row => row.n > 0);
   const last = rows.at(-1);
-  const line = (label, colour, dash, of) => ({ label, colour, dash, points: rows.map(row => [hours(row.lead), of(row)]) });
+  const line = (label, colour, dash, of) => ({ label, colour, dash, points: rows.map(row => [hoursOf(row.lead), of(row)]) });
   return html`<${Frame} title=${`Error of what was said, ${output}`} path=${path}
     summary=${`${horizon(last.lead)} ahead the error is ${number(last.rmse)} ${unit}; holding the last value errs by ${number(last.persistence)} ${unit}.`}
     note=${`${says}. Forecasts of neighbouring quarters of an hour err together: few days say little.`}

@@ -1,7 +1,8 @@
 // What a system is: its model, where it stands, and what may happen to its parameters without a person.
 import { html, useState } from '../html.js';
-import { ask, useList, put } from '../api.js';
+import { ask, useList, putSystem } from '../api.js';
 import { address } from '../router.js';
+import { useSystems } from '../systems.js';
 import { differences, onto } from '../merge.js';
 import { say } from '../say.js';
 import { NotSaved } from '../parts/screens.js';
@@ -17,7 +18,7 @@ const MODES = {
 
 export function Settings({ system, document, changed }) {
   const models = useList('/models');
-  const systems = useList('/systems');
+  const { rows } = useSystems();
   // What the draft began as: it may be read anew meanwhile, which must not pass for having been seen.
   const [base, setBase] = useState(document);
   const [draft, setDraft] = useState(document);
@@ -35,8 +36,7 @@ export function Settings({ system, document, changed }) {
     event.preventDefault();
     setError(null);
     try {
-      const { system: _, ...body } = draft;
-      const saved = await put(`/systems/${system}`, body, { seen: base });
+      const saved = await putSystem(base, draft);
       say(`${system} is changed`);
       setBase(saved);
       // What was written while it was sent stays.
@@ -50,7 +50,7 @@ export function Settings({ system, document, changed }) {
   const takeOver = async () => {
     try {
       const now = await ask(`/systems/${system}`);
-      setOthers(differences(base, now));
+      setOthers(differences(base, now).map(([path]) => path));
       setDraft(written => onto(now, base, written));
       setBase(now);
       setError(null);
@@ -104,7 +104,7 @@ export function Settings({ system, document, changed }) {
     ${others.length > 0 && html`<p role="status">▲ Changed by somebody else, and taken over where you had changed nothing: ${others.join(', ')}. Save
       it if it is right so.</p>`}
     <${Bindings} key=${base} channels=${draft.channels} change=${channels => set({ channels })} />
-    <${NextDoor} system=${system} neighbours=${draft.neighbours} known=${(systems.data ?? []).map(row => row.system)}
+    <${NextDoor} system=${system} neighbours=${draft.neighbours} known=${(rows ?? []).map(row => row.system)}
       change=${neighbours => set({ neighbours })} />
     <p><a href=${address(['neighbours'], { system })}>See which rooms look like neighbours</a></p>
     <p class="row end"><button class="main">Save</button></p>

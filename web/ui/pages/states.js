@@ -1,7 +1,7 @@
 // The states now: what a controller begins its forecasts from.
 import { html } from '../html.js';
 import { useResource } from '../api.js';
-import { useEvents } from '../events.js';
+import { useAfterJobs } from '../events.js';
 import { number, clock, NONE } from '../format.js';
 import { Frame } from '../parts/frame.js';
 import { Table } from '../parts/table.js';
@@ -15,7 +15,7 @@ export function States({ system, model, zone }) {
   const path = `/systems/${system}/state`;
   const state = useResource(model && path);
   const spec = useResource(model && `/models/${encodeURIComponent(model)}`);
-  useEvents((kind, data) => kind === 'finished' && data.system === system && state.reload());
+  useAfterJobs(system, state);
   if (!model || state.error?.type === 'no-state')
     return html`<h2>The states now</h2><${Empty} title="No states yet"><p>Nothing is served whose model could tell them. They come with the first
       fit that is accepted.</p></${Empty}>`;

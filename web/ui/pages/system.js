@@ -2,7 +2,8 @@
 import { html, useRef } from '../html.js';
 import { ask, useResource, useList, post, AGAIN } from '../api.js';
 import { systemAddress, setQuery, go, address } from '../router.js';
-import { useEvents } from '../events.js';
+import { useAfterJobs, useEvents } from '../events.js';
+import { useSystems, needsSomebody, refresh } from '../systems.js';
 import { useKeys } from '../keys.js';
 import { say, sayFault } from '../say.js';
 import { fitName, plainly } from '../format.js';
@@ -45,15 +46,12 @@ const aboutOf = (system, fit, params) =>
 export function SystemPage({ system, tab, query }) {
   const document = useResource(`/systems/${system}`);
   const served = useResource('/params', { read: servedOf(system) });
-  const rows = useList('/systems');
+  const { rows } = useSystems();
   const fits = useList(`/fits?system=${encodeURIComponent(system)}`);
   const carried = Object.fromEntries(CARRIED.map(name => [name, query[name]]));
-  useEvents((kind, data) => {
-    if (data.system !== system || kind !== 'finished') return;
-    say(`${data.kind} of ${system}: ${data.outcome ?? data.state}`);
-    [served, fits, rows].forEach(resource => resource.reload());
-  });
-  const names = rows.data?.map(row => row.system) ?? [];
+  useEvents((kind, data) => kind === 'finished' && data.system === system && say(`${data.kind} of ${system}: ${data.outcome ?? data.state}`));
+  useAfterJobs(system, served, fits);
+  const names = rows?.map(row => row.system) ?? [];
   const step = by => {
     const next = names[(names.indexOf(system) + by + names.length) % names.length];
     if (next) go(systemAddress(next, tab));
@@ -62,7 +60,7 @@ export function SystemPage({ system, tab, query }) {
   /** A change of the document was answered. */
   const changed = answer => {
     document.replace(answer);
-    rows.reload();
+    refresh(system);
   };
   const usable = (fits.data ?? []).filter(fit => fit.metrics && Object.keys(fit.metrics).length);
   const params = !served.data || served.data.missing ? null : served.data;
@@ -89,9 +87,12 @@ export function SystemPage({ system, tab, query }) {
         }} />`
       : html`<${Loading} what=${system} />`;
   }
-  const row = rows.data?.find(entry => entry.system === system);
+  const row = rows?.find(entry => entry.system === system);
   const waiting = waitingOf(fits.data);
-  const reload = () => [document, served, fits, rows].forEach(resource => resource.reload());
+  const reload = () => {
+    [document, served, fits].forEach(resource => resource.reload());
+    refresh(system);
+  };
   const Tab = (TABS.find(([name]) => name === tab) ?? TABS[0])[2];
   return html`
     <${Head} system=${system} document=${document.data} params=${params} row=${row} fits=${usable}
@@ -99,8 +100,8 @@ export function SystemPage({ system, tab, query }) {
     ${waiting && html`<${Waiting} key=${waiting.id} system=${system} fit=${waiting} served=${params} done=${() => dispatchEvent(new Event(AGAIN))} />`}
     <${Tabs} system=${system} tab=${tab} carried=${carried} />
     <div role="tabpanel" id="panel" aria-labelledby=${`tab-${tab}`} data-about=${aboutOf(system, chosen, params)}>
-      ${Tab === FitTab && fit && html`<${Front} system=${system} fit=${params?.fit ?? fit} params=${params} document=${document.data} row=${row}
-        metrics=${usable.find(entry => entry.id === (params?.fit ?? fit))?.metrics ?? {}} waiting=${waiting} query=${query} />`}
+      ${Tab === FitTab && fit && html`<${Front} system=${system} fit=${params?.fit ?? fit} params=${params} document=${document.data}
+        metrics=${usable.find(entry => entry.id === (params?.fit ?? fit))?.metrics ?? {}} query=${query} />`}
       <${Tab} key=${tab} system=${system} document=${document.data} params=${params} fits=${usable} fit=${fit}
         metrics=${metrics} query=${query} reload=${reload} changed=${changed} />
     </div>`;
@@ -117,7 +118,7 @@ function Head({ system, document, params, row, fits, chosen, query, refit }) {
       <span class="row"><button onClick=${diagnose}>Find what is missing</button><button class="main" onClick=${refit}>Refit</button></span>
     </div>
     ${row && html`<p><${Status} of=${row.health} label="" /> ${plainly(row.why)}${
-      !['none', 'wait'].includes(row.next.code) && html` <a href=${row.next.href}>${row.next.text}</a>`
+      needsSomebody(row) && html` <a href=${row.next.href}>${row.next.text}</a>`
     }</p>`}
     <div class="row apart">
       ${chosen ? html`<${Figures} fit=${chosen} query=${query} />` : ''}

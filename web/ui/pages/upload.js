@@ -1,11 +1,11 @@
 // Measurements from a file or the clipboard: which column is which channel, and in which unit. What is confirmed is kept
 // in the settings of the system, for the next file.
 import { html, useState } from '../html.js';
-import { ask, put, withQuery } from '../api.js';
+import { ask, putSystem, withQuery } from '../api.js';
 import { say } from '../say.js';
 import { clock } from '../format.js';
 import { Columns, Drop, HowRead, Rejected, bindingsOf, isPlain, saidOf, useReading } from '../parts/reading.js';
-import { Failed, NotSaved } from '../parts/screens.js';
+import { NotSaved } from '../parts/screens.js';
 
 /** Rejected rows with their reasons, as the answer lists them, by reason. */
 function byReason(rows) {
@@ -33,10 +33,9 @@ export function Upload({ system, document, done, changed, open }) {
     try {
       const plain = isPlain(columns);
       if (!plain) {
-        const { system: _, ...rest } = document;
         const channels = { ...document.channels, ...bindingsOf(columns) };
         if (JSON.stringify(channels) !== JSON.stringify(document.channels))
-          changed(await put(`/systems/${system}`, { ...rest, channels }, { seen: document }));
+          changed(await putSystem(document, { ...document, channels }));
       }
       const path = withQuery(`/systems/${system}/windows`, saidOf(reading, plain ? null : 'bound'));
       const taken = await ask(path, { method: 'POST', csv: body });
@@ -48,15 +47,18 @@ export function Upload({ system, document, done, changed, open }) {
       setError(fault);
     }
   };
+  const again = () =>
+    ask(`/systems/${system}`).then(now => {
+      changed(now);
+      setError(null);
+    }, setError);
   const channels = [...new Set([...Object.keys(document.channels), ...Object.values(document.channels)])];
   return html`<details class="card" open=${open || body !== null || answer !== null}><summary><b>Upload measurements</b></summary>
     ${body === null && html`<${Drop} take=${take} />`}
     <${HowRead} of=${reading} />
     ${body !== null && data && html`<${Columns} of=${reading} channels=${channels} />`}
-    ${error && (error.type === 'not-as-expected'
-      ? html`<${NotSaved} error=${error} again=${() => ask(`/systems/${system}`).then(changed, setError)}><p>Somebody has changed ${system} since this was
-        read. Look at it, and upload once more.</p></${NotSaved}>`
-      : html`<${Failed} error=${error} />`)}
+    ${error && html`<${NotSaved} error=${error} again=${again}><p>Somebody has changed ${system} since this was read. Look at it, and upload once
+      more.</p></${NotSaved}>`}
     ${body !== null && html`<p class="row">${data && html`<button class="main" disabled=${used.length === 0} onClick=${send}>Upload ${used.length} ${
       used.length === 1 ? 'channel' : 'channels'}</button>`}<button onClick=${() => {
       leave();

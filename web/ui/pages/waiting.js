@@ -1,11 +1,10 @@
 // A fit that waits for an operator, on top of every tab: what it would change, and the two words that decide.
 import { html, useState } from '../html.js';
-import { useResource, withQuery, post } from '../api.js';
+import { useResource, withQuery } from '../api.js';
 import { systemAddress } from '../router.js';
-import { say } from '../say.js';
-import { number, signed, fixed, percent, clock } from '../format.js';
+import { number, signed, fixed, percent, clock, unitOf } from '../format.js';
 import { Status } from '../parts/status.js';
-import { Reason } from '../parts/dialog.js';
+import { decision, Reason } from '../parts/dialog.js';
 
 const MOST_PARAMETERS = 3;
 
@@ -17,17 +16,7 @@ export const waitingOf = fits => {
 
 export function Waiting({ system, fit, served, done }) {
   const [asking, setAsking] = useState(null);
-  const decide = (word, title, text) => () =>
-    setAsking({
-      title,
-      text,
-      word: title.split(' ')[0],
-      act: reason =>
-        post(`/fits/${fit.id}/${word}`, { reason }).then(() => {
-          say(`${title}: done`);
-          done();
-        }),
-    });
+  const decide = (word, title, text) => () => setAsking(decision(fit, word, { title, text, done }));
   const gets = `The controller then gets its parameters${served ? ` instead of those of revision ${served.revision}` : '; now it gets none'}.`;
   return html`<section class="waiting" aria-label="A fit waits">
     <div class="row apart">
@@ -69,7 +58,7 @@ function Changes({ fit, served }) {
   if (!found.data) return null;
   if (found.data.model !== served.model) return html`<p>It has another model than what is served, ${served.model}.</p>`;
   const changes = Object.entries(found.data.parameters)
-    .map(([name, { value, unit }]) => ({ name, unit: unit === '-' ? '' : ` ${unit}`, value, old: served.parameters[name] }))
+    .map(([name, { value, unit }]) => ({ name, unit: unitOf(unit) && ` ${unitOf(unit)}`, value, old: served.parameters[name] }))
     .filter(({ value, old }) => old !== undefined && old !== value)
     .sort((a, b) => shareOf(b) - shareOf(a))
     .slice(0, MOST_PARAMETERS);

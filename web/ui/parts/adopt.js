@@ -1,17 +1,10 @@
 // Gives a model to the controller: it becomes that of the system and is fitted to the newest data, and the gate decides.
 import { html, useState } from '../html.js';
-import { post, put } from '../api.js';
+import { post, putSystem } from '../api.js';
 import { systemAddress } from '../router.js';
 import { say } from '../say.js';
 import { NotSaved } from './screens.js';
 import { JobWatch } from './watch.js';
-
-/** The model that a base becomes with effects, made where it is not there yet. */
-export async function grownFrom(base, effects) {
-  let model = base;
-  for (const effect of effects) model = (await post(`/models/${encodeURIComponent(model)}/effects`, { effect })).id;
-  return model;
-}
 
 /**
  * `use(model, make)` has the system take the model; `make` makes sure that it is there. `told` are what it came to, to be
@@ -28,8 +21,7 @@ export function useAdoption({ system, document, reload, changed }) {
     setRefused(null);
     try {
       await make();
-      const { system: _, ...body } = { ...document, model };
-      changed(await put(`/systems/${system}`, body, { seen: document }));
+      changed(await putSystem(document, { ...document, model }));
       const started = await post('/jobs', { kind: 'estimate', system });
       setFitting({ job: started.id, model });
       say(`${model} is now the model of ${system}; it is fitted to the newest data`);

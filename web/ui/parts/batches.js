@@ -1,6 +1,6 @@
 // Batches by what they are, and how their systems stand, in words.
 import { html } from '../html.js';
-import { clock, words } from '../format.js';
+import { clock, sentence, words } from '../format.js';
 import { Status } from './status.js';
 import { Table } from './table.js';
 
@@ -12,7 +12,7 @@ const NIGHTLY = 'nightly';
 export function batchName({ kind, schedule, created_at: at }, systems) {
   const what = `${DOES[kind] ?? words(kind)} of ${systems} ${systems === 1 ? 'system' : 'systems'}`;
   const named = schedule === NIGHTLY ? `${NIGHTLY} ${what}` : what;
-  return `${named[0].toUpperCase()}${named.slice(1)}, ${clock(at)}${schedule && schedule !== NIGHTLY ? `, by the schedule ${schedule}` : ''}`;
+  return `${sentence(named)}, ${clock(at)}${schedule && schedule !== NIGHTLY ? `, by the schedule ${schedule}` : ''}`;
 }
 
 /** How a system of a batch may stand: the state, the outcome of a fit, the verdict of a diagnosis. The good news first. */
@@ -46,7 +46,7 @@ export function Standings({ jobs }) {
   const rows = Object.keys(STANDS).filter(word => counts.has(word));
   return html`<${Table} caption="Systems by what became of them" columns=${[['what'], ['systems', 'number'], ['']]}
     rows=${rows.map(word => [
-      html`<${Status} of=${word === 'named' ? 'attention' : word} label=${STANDS[word]} />`,
+      html`<${Status} of=${word} label=${STANDS[word]} />`,
       counts.get(word),
       html`<span class="bar" style=${{ width: `${(LONGEST_BAR_REM * counts.get(word)) / most}rem` }}></span>`,
     ])} />`;

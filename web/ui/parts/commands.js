@@ -1,8 +1,7 @@
 // Everything that can be done here, found by typing.
 import { html, useState, useId, useEffect, useRef } from '../html.js';
-import { useList } from '../api.js';
 import { systemAddress, go } from '../router.js';
-import { REPORT } from '../carried.js';
+import { useSystems } from '../systems.js';
 import { actionsNow } from '../keys.js';
 import { Dialog } from './dialog.js';
 
@@ -12,10 +11,10 @@ export function Commands({ close }) {
   const [actions] = useState(() => actionsNow().filter(({ key }) => key !== '.'));
   const [typed, setTyped] = useState('');
   const [at, setAt] = useState(0);
-  const systems = useList(REPORT ? null : '/systems');
+  const { rows } = useSystems();
   const id = useId();
   const list = useRef(null);
-  const places = (systems.data ?? []).map(({ system, label }) => ({
+  const places = (rows ?? []).map(({ system, label }) => ({
     key: '',
     meaning: `open ${system}${label ? `, ${label}` : ''}`,
     act: () => go(systemAddress(system)),

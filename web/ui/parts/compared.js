@@ -2,20 +2,12 @@
 import { html } from '../html.js';
 import { useResource } from '../api.js';
 import { address } from '../router.js';
+import { differences } from '../merge.js';
 import { NONE } from '../format.js';
 import { Failed, Loading } from './screens.js';
 import { Table } from './table.js';
 
-const isRecord = value => value !== null && typeof value === 'object' && !Array.isArray(value);
 const shown = value => (value === undefined ? NONE : typeof value === 'string' ? value : JSON.stringify(value));
-
-/** `[path, there, here]` of every field that differs; an id is new in any case. */
-function differences(there, here, path = []) {
-  if (!isRecord(there) || !isRecord(here)) return JSON.stringify(there) === JSON.stringify(here) ? [] : [[path.join(' / '), there, here]];
-  return [...new Set([...Object.keys(there), ...Object.keys(here)])]
-    .filter(name => path.length > 0 || name !== 'id')
-    .flatMap(name => differences(there[name], here[name], [...path, name]));
-}
 
 /** A document beside that of a model; one that names the model as its base is only what it adds. */
 export function Compared({ with: id, written }) {
@@ -24,7 +16,8 @@ export function Compared({ with: id, written }) {
   if (!model.data) return html`<${Loading} what=${id} />`;
   const { title, effects, document } = model.data;
   const there = effects.length > 0 ? { title, base: document.base ?? document.id, effects } : document;
-  const found = differences(there, written);
+  // An id is new in any case.
+  const found = differences(there, written).filter(([path]) => path !== 'id');
   const link = html`<a href=${address(['models', id])}>${id}</a>`;
   if (found.length === 0) return html`<p class="note">It says the same as ${link}, under another name.</p>`;
   return html`<p>${found.length} ${found.length === 1 ? 'field is' : 'fields are'} not as in ${link}:</p>

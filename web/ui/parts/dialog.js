@@ -1,5 +1,7 @@
 // Questions that must be answered before something happens. The browser keeps the focus inside, and Escape closes.
 import { html, useEffect, useRef, useState } from '../html.js';
+import { post } from '../api.js';
+import { say } from '../say.js';
 import { Failed } from './screens.js';
 
 export function Dialog({ title, close, children }) {
@@ -45,3 +47,15 @@ export function Reason({ title, text, word, act, close }) {
     </form>
   </${Dialog}>`;
 }
+
+/** What `Reason` asks before a fit is promoted or rejected, which is the `word`; `done` hears that it was. */
+export const decision = (fit, word, { title, text, done }) => ({
+  title,
+  text,
+  word: title.split(' ')[0],
+  act: reason =>
+    post(`/fits/${fit.id}/${word}`, { reason }).then(() => {
+      say(`${title}: done`);
+      done();
+    }),
+});

@@ -152,7 +152,7 @@ function Flow({ points }) {
   const [[x0, y0], [x, y]] = points.slice(-2);
   const [dx, dy] = [Math.sign(x - x0), Math.sign(y - y0)];
   return html`<g class="flow"><path fill="none" d=${`M${points.map(point => point.join(',')).join('L')}`} />
-    <path class="tip" d=${`M${x},${y}L${x - 8 * dx - 4 * dy},${y - 8 * dy - 4 * dx}L${x - 8 * dx + 4 * dy},${y - 8 * dy + 4 * dx}Z`} /></g>`;
+    <path class="arrow" d=${`M${x},${y}L${x - 8 * dx - 4 * dy},${y - 8 * dy - 4 * dx}L${x - 8 * dx + 4 * dy},${y - 8 * dy + 4 * dx}Z`} /></g>`;
 }
 
 /** An output at its place: what is wrong with it as a shape, a number and a colour. It is chosen like a button. */

@@ -1,6 +1,7 @@
 // What a model does: a short simulation with the nominal values, on measurements or on two standard days.
 import { html, useState, useEffect, useMemo } from '../html.js';
-import { post, useList, curl } from '../api.js';
+import { post, curl } from '../api.js';
+import { useSystems } from '../systems.js';
 import { seconds, number, NONE } from '../format.js';
 import { Frame, Command } from './frame.js';
 import { Failed, Loading } from './screens.js';
@@ -33,7 +34,7 @@ function stripsOf(data) {
 
 /** `request` is the body of `/models/preview` without its system; `faulty` hears what is wrong with its documents. */
 export function Preview({ request, system: first = '', faulty = () => {} }) {
-  const systems = useList('/systems');
+  const { rows } = useSystems();
   const [system, setSystem] = useState(first);
   const [state, setState] = useState({ data: null, error: null });
   const [range, setRange] = useState(null);
@@ -81,7 +82,7 @@ export function Preview({ request, system: first = '', faulty = () => {} }) {
   return html`<section><div class="row apart"><h2>What it does, with its nominal values</h2>
       <label class="inline">driven by <select value=${system} onChange=${event => setSystem(event.target.value)}><option
         value="">two standard days</option>
-        ${(systems.data ?? []).map(row =>
+        ${(rows ?? []).map(row =>
           html`<option value=${row.system} selected=${row.system === system}>${row.system}, measured</option>`)}</select></label></div>
     ${error && ofDocument(error) && html`<p class="note">▲ The document has faults; this is what it did before.</p>`}
     ${error && !ofDocument(error) && html`<${Failed} error=${error} />`}

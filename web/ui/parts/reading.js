@@ -3,6 +3,7 @@
 import { html, useState, useRef, useEffect } from '../html.js';
 import { ask, withQuery } from '../api.js';
 import { clock, number, percent } from '../format.js';
+import { zoneNames } from '../zones.js';
 import { Failed, Loading } from './screens.js';
 import { Table } from './table.js';
 
@@ -97,7 +98,7 @@ export const isPlain = columns =>
 export const saidOf = ({ data, zone, dates }, columns) => ({ zone: data.dialect.local ? zone : null, dates, columns });
 
 /** Where a file is dropped, chosen or pasted. */
-export function Drop({ take, small = false }) {
+export function Drop({ take }) {
   const [over, setOver] = useState(false);
   const file = useRef(null);
   const drop = event => {
@@ -113,10 +114,10 @@ export function Drop({ take, small = false }) {
     <p class="quiet">As it is: separators, decimal commas, dates and units are recognised, and shown before anything is kept.</p>
     <input ref=${file} class="unseen" type="file" accept=".csv,.txt,.tsv,text/csv" aria-label="CSV file" tabindex="-1"
       onChange=${event => event.target.files[0] && take(event.target.files[0])} />
-    ${!small && html`<label>or paste its text<textarea rows="3" placeholder="time,T_room[degC],T_out[degC]" aria-label="CSV text" onPaste=${event => {
+    <label>or paste its text<textarea rows="3" placeholder="time,T_room[degC],T_out[degC]" onPaste=${event => {
       event.preventDefault();
       take(event.clipboardData.getData('text/plain'));
-    }} onChange=${event => event.target.value.trim() && take(event.target.value)}></textarea></label>`}
+    }} onChange=${event => event.target.value.trim() && take(event.target.value)}></textarea></label>
   </div>`;
 }
 
@@ -137,14 +138,12 @@ export function HowRead({ of: reading }) {
   ].filter(Boolean);
   return html`<p>${number(rows)} rows from ${clock(from, zone ?? 'UTC')} to ${clock(to, zone ?? 'UTC')}. Read as ${ways.join(', ')}.</p>
     ${dialect.local &&
-      html`<label class="inline">Its times have no offset: they are of <select aria-label="Zone of the times" value=${zone}
-        onChange=${event => say({ zone: event.target.value })}>${zones(zone).map(name => html`<option value=${name} selected=${name === zone}>${name}</option>`)}</select>
+      html`<label class="inline">Its times have no offset: they are of <select value=${zone}
+        onChange=${event => say({ zone: event.target.value })}>${[...new Set([zone, ...zoneNames()])].filter(Boolean).map(name => html`<option value=${name} selected=${name === zone}>${name}</option>`)}</select>
         ${isKnown ? 'as the system says' : 'as this browser says: is that right?'}</label>`}
     ${dates && order}
     ${rejected.length > 0 && html`<${Rejected} reasons=${rejected} word="would be" />`}`;
 }
-
-const zones = chosen => [...new Set([chosen, 'UTC', ...(Intl.supportedValuesOf?.('timeZone') ?? [])])].filter(Boolean);
 
 /** Rows that are left out, one line for each reason. */
 export const Rejected = ({ reasons, word = 'were' }) => html`<ul>${reasons.map(

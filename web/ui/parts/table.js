@@ -1,4 +1,5 @@
-// Numbers in rows. Columns: `[title, 'number'?]`; cells: text, numbers as text, or elements; `title` says more than the caption.
+// Numbers in rows. Columns: `[title, 'number'?]`, the title a text; cells: text, numbers as text, or elements; `title` says
+// more than the caption. Rows that come and go have `keys`, so that the focus stays with its own.
 import { html } from '../html.js';
 import { explained } from './term.js';
 
@@ -15,7 +16,7 @@ function Cell({ title, kind, first, children }) {
     : html`<td role="cell" class=${kind} data-label=${title}>${children}</td>`;
 }
 
-export function Table({ caption, title = caption, columns, rows, hidden = false, cards = columns.length >= CARDS }) {
+export function Table({ caption, title = caption, columns, rows, keys = [], hidden = false, cards = columns.length >= CARDS }) {
   const kind = index => (columns[index]?.[1] === 'number' ? 'number' : undefined);
   return html`<div class="scroll" tabindex="0" role="region" aria-label=${caption}>
     <table role="table" class=${cards ? 'cards' : ''}>
@@ -23,8 +24,8 @@ export function Table({ caption, title = caption, columns, rows, hidden = false,
       <thead role="rowgroup"><tr role="row">${columns.map(([title], index) =>
         html`<th scope="col" role="columnheader" class=${kind(index)}>${explained(title)}</th>`)}</tr></thead>
       <tbody role="rowgroup">${rows.map(
-        row =>
-          html`<tr role="row">${row.map((cell, index) =>
+        (row, at) =>
+          html`<tr role="row" key=${keys[at]}>${row.map((cell, index) =>
             html`<${Cell} title=${columns[index]?.[0]} kind=${kind(index)} first=${index === 0}>${cell}</${Cell}>`,
           )}</tr>`,
       )}</tbody>

@@ -4,7 +4,7 @@ import { useResource, post } from '../api.js';
 import { address } from '../router.js';
 import { useJob, hasEnded } from '../events.js';
 import { say, sayFault } from '../say.js';
-import { number, length, plainly, roughly, percent } from '../format.js';
+import { number, length, plainly, roughly, percent, unitOf } from '../format.js';
 import { Status } from './status.js';
 import { Parameter, useTitles } from './names.js';
 import { explained } from './term.js';
@@ -34,7 +34,7 @@ function linesOf(job, reports, fit) {
 }
 
 /** Who leads the trials of a round, and what it gains. */
-export function leads({ leader, fall, gain }) {
+function leads({ leader, fall, gain }) {
   if (!leader) return 'none';
   const on = share => (share < 0.995 ? `${percent(1 - share)} less error on unseen data` : 'no less error on unseen data');
   return `${leader}: ${Number.isFinite(fall) ? on(fall) : `gains ${number(gain)} in BIC`}`;
@@ -119,7 +119,7 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
           const known = model.data.parameters.find(parameter => parameter.name === name);
           const found = fit.data?.parameters[name];
           const bounds = found?.bounds ?? job.request.bounds?.[name] ?? known?.bounds;
-          return html`<tr><th scope="row"><${Parameter} symbol=${name} titles=${titles} /></th><td class="number">${number(value)} ${known?.unit === '-' ? '' : (known?.unit ?? '')}</td>
+          return html`<tr><th scope="row"><${Parameter} symbol=${name} titles=${titles} /></th><td class="number">${number(value)} ${unitOf(known?.unit ?? '')}</td>
           <td>${bounds && html`<${Rail} value=${value} bounds=${bounds} interval=${found?.ci95} log=${known?.scale === 'log'}
             atBound=${found?.at_bound} />`}</td></tr>`;
         })}</tbody></table></div>`

@@ -24,7 +24,7 @@ pub const ID: &str = "report";
 /// Most points of a line of the free run; of the forecasts, of which there are several.
 const POINTS: [usize; 2] = [20_000, 2_000];
 const HORIZONS: [&str; 3] = ["PT1H", "PT6H", "PT24H"];
-const STYLES: [&str; 4] = ["vendor/uPlot.min.css", "style.css", "parts.css", "narrow.css"];
+const STYLES: [&str; 5] = ["vendor/uPlot.min.css", "style.css", "parts.css", "charts.css", "narrow.css"];
 /// What the words of the page mean.
 const GLOSSARY: &str = "reference/glossary.md";
 const LICENCES: [&str; 3] =
