@@ -55,7 +55,11 @@ export async function importing(chrome, binary) {
     await test(chrome, `a_german_export_of_three_rooms_comes_into_service_with_its_effect_by_${way}`, { zone: ZONE }, page =>
       fromFileToService(page, service.base, file, act),
     );
-    if (way === 'keyboard') await mapped(chrome, service.base);
+    if (way === 'keyboard') {
+      await mapped(chrome, service.base);
+      await leftOpen(chrome, service.base);
+      await bound(chrome, service.base);
+    }
     await service.stop();
   }
 }
@@ -109,5 +113,38 @@ async function mapped(chrome, base) {
     await send(text(31));
     await WAYS.keyboard(page.getByRole('button', { name: 'Upload 2 channels' }));
     await page.getByText(/2 rows from 31 Jan .* are taken as win_/).waitFor();
+  });
+}
+
+async function leftOpen(chrome, base) {
+  await test(chrome, 'what_a_file_leaves_open_is_asked_and_nothing_else', { zone: ZONE }, async page => {
+    await ask(base, '/systems/room/10', { model: 'rc1' }, 'PUT');
+    const text = 'time,T_room,CO2\n03/04/2026 12:00,21,"1,250"\n03/04/2026 12:10,21,"1,013"\n';
+    await page.goto(`${base}/ui/systems/room/10/data`);
+    await page.getByLabel('CSV file').setInputFiles({ name: 'a.csv', mimeType: 'text/csv', buffer: Buffer.from(text) });
+    await WAYS.keyboard(page.getByRole('group', { name: 'What follows the commas in its numbers?' }).getByRole('button', { name: /^thousands/ }));
+    await WAYS.keyboard(page.getByRole('group', { name: 'Which comes first in its dates?' }).getByRole('button', { name: 'the day before the month' }));
+    await WAYS.keyboard(page.getByRole('button', { name: 'Upload 2 channels' }));
+    await page.getByText(/2 rows from 3 Apr .* are taken as win_/).waitFor();
+    const { values } = (await ask(base, '/systems/room/10/series?channels=CO2')).channels.CO2;
+    holds(values.join() === '1250,1013', values.join());
+  });
+}
+
+async function bound(chrome, base) {
+  await test(chrome, 'columns_and_neighbours_are_changed_in_the_settings', {}, async page => {
+    await page.goto(`${base}/ui/systems/room/9/settings`);
+    const column = page.getByLabel('Column of T_out');
+    holds((await column.inputValue()).startsWith('Draußen'), await column.inputValue());
+    await column.fill('Garten[degC]');
+    await page.getByRole('button', { name: 'Bind another channel' }).click();
+    await page.getByLabel('Channel 3', { exact: true }).fill('wind_speed');
+    await page.getByLabel('Column of wind_speed').fill('Wind[km/h]');
+    await page.getByLabel('Add a neighbour').selectOption('room/10');
+    await page.getByRole('button', { name: 'Save', exact: true }).click();
+    await page.getByText('room/9 is changed').first().waitFor();
+    const { channels, neighbours } = await ask(base, '/systems/room/9');
+    holds(channels.T_out === 'Garten[degC]' && channels.wind_speed === 'Wind[km/h]', JSON.stringify(channels));
+    holds(neighbours.join() === 'room/10', neighbours.join());
   });
 }

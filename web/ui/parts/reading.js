@@ -22,13 +22,25 @@ const KNOWN = [
   'CO2',
 ];
 const UNITS = ['-', 'degC', 'degF', 'K', 'W', 'kW', 'MW', 'W/m2', 'kW/m2', 'm/s', 'km/h', 'ppm', 'pct', 'deg', 'm3/h', 'm3/d', 'g/m3'];
-const AMBIGUOUS = 'ambiguous-dates';
 const DATES = {
   year_first: 'the year before month and day',
   day_first: 'the day before the month',
   month_first: 'the month before the day',
   unix_seconds: 'seconds since 1970',
   unix_milliseconds: 'milliseconds since 1970',
+};
+/** What a file may leave open, by the fault that says so: the question, and its answers. */
+const QUESTIONS = {
+  'ambiguous-dates': {
+    field: 'dates',
+    asks: 'Which comes first in its dates?',
+    answers: { day_first: DATES.day_first, month_first: DATES.month_first },
+  },
+  'ambiguous-decimals': {
+    field: 'decimal',
+    asks: 'What follows the commas in its numbers?',
+    answers: { comma: 'decimals: 1,250 is one and a quarter', point: 'thousands: 1,250 is one thousand two hundred and fifty' },
+  },
 };
 const SEPARATORS = { ',': 'commas', ';': 'semicolons', '\t': 'tabs', '|': 'bars' };
 
@@ -41,13 +53,13 @@ function understood(column, bindings) {
 }
 
 /**
- * A file on its way: `{body, data, error, zone, dates, columns, take, leave, say, change}`. `known` is the zone that goes
+ * A file on its way: `{body, data, error, zone, dates, decimal, columns, take, leave, say, change}`. `known` is the zone that goes
  * without asking; otherwise that of this browser is proposed where the file needs one. `bindings` are the columns that were
  * confirmed before.
  */
 export function useReading(known = null, bindings = {}) {
   const [body, setBody] = useState(null);
-  const [said, setSaid] = useState({ zone: known, dates: null });
+  const [said, setSaid] = useState({ zone: known, dates: null, decimal: null });
   const [state, setState] = useState({ data: null, error: null });
   const [columns, setColumns] = useState([]);
   useEffect(() => {
@@ -73,10 +85,13 @@ export function useReading(known = null, bindings = {}) {
     isKnown: said.zone === known,
     take: content => {
       setState({ data: null, error: null });
-      setSaid({ zone: known, dates: null });
+      setSaid({ zone: known, dates: null, decimal: null });
       setBody(content);
     },
-    leave: () => setBody(null),
+    leave: () => {
+      setState({ data: null, error: null });
+      setBody(null);
+    },
     say: what => setSaid({ ...said, ...what }),
     change: (at, what) => setColumns(columns.map((column, index) => (index === at ? { ...column, ...what } : column))),
   };
@@ -95,7 +110,7 @@ export const isPlain = columns =>
   columns.every(column => column.use && nameOf(column) === column.channel && (column.stated || column.unit === '-'));
 
 /** The query by which the file is sent as it was read. */
-export const saidOf = ({ data, zone, dates }, columns) => ({ zone: data.dialect.local ? zone : null, dates, columns });
+export const saidOf = ({ data, zone, dates, decimal }, columns) => ({ zone: data.dialect.local ? zone : null, dates, decimal, columns });
 
 /** Where a file is dropped, chosen or pasted. */
 export function Drop({ take }) {
@@ -123,11 +138,15 @@ export function Drop({ take }) {
 
 /** How the file is read, and what it leaves open. */
 export function HowRead({ of: reading }) {
-  const { body, data, error, zone, dates, say, isKnown } = reading;
+  const { body, data, error, zone, say, isKnown } = reading;
   if (body === null) return null;
-  const order = html`<fieldset><legend>Which comes first in its dates?</legend><span class="row">${['day_first', 'month_first'].map(form => html`<button
-    type="button" aria-pressed=${dates === form} onClick=${() => say({ dates: form })}>${DATES[form]}</button>`)}</span></fieldset>`;
-  if (error?.errors?.[0]?.code === AMBIGUOUS) return html`<p>▲ ${error.errors[0].detail}</p>${order}`;
+  const fault = error?.errors?.[0];
+  // What was answered stays in sight, to be answered otherwise.
+  const asked = Object.entries(QUESTIONS).filter(([code, { field }]) => code === fault?.code || reading[field]);
+  const questions = asked.map(([, { field, asks, answers }]) => html`<fieldset><legend>${asks}</legend><span class="row">${Object.entries(answers).map(
+    ([answer, words]) => html`<button type="button" aria-pressed=${reading[field] === answer} onClick=${() => say({ [field]: answer })}>${words}</button>`,
+  )}</span></fieldset>`);
+  if (fault?.code in QUESTIONS) return html`<p>▲ ${fault.detail}</p>${questions}`;
   if (error) return html`<${Failed} error=${error} />`;
   if (!data) return html`<${Loading} what="what the file says" />`;
   const { dialect, rows, from, to, rejected } = data;
@@ -141,7 +160,7 @@ export function HowRead({ of: reading }) {
       html`<label class="inline">Its times have no offset: they are of <select value=${zone}
         onChange=${event => say({ zone: event.target.value })}>${[...new Set([zone, ...zoneNames()])].filter(Boolean).map(name => html`<option value=${name} selected=${name === zone}>${name}</option>`)}</select>
         ${isKnown ? 'as the system says' : 'as this browser says: is that right?'}</label>`}
-    ${dates && order}
+    ${questions}
     ${rejected.length > 0 && html`<${Rejected} reasons=${rejected} word="would be" />`}`;
 }
 
