@@ -32,6 +32,8 @@ export async function building(chrome, { base }) {
     const lag = effects.find(effect => effect.effect === 'sensor_lag');
     holds(lag?.lacking > 0, `the demo has no room that lacks a sensor lag: ${JSON.stringify(effects)}`);
     await page.goto(`${base}/ui/`);
+    // Keys are heard once the page is drawn.
+    await page.getByRole('heading', { name: /^Systems/ }).waitFor();
     await page.keyboard.press('g');
     await page.keyboard.press('b');
     await page.getByRole('listitem').filter({ hasText: 'mean error' }).first().waitFor();
