@@ -62,6 +62,9 @@ pub struct MatrixRow {
     pub cells: Vec<MatrixCell>,
 }
 
+/// What errors of several outputs are counted in.
+pub(super) const OF_SEVERAL: &str = "times the noise";
+
 /// The effect of an id, without the channel that a member of a family has.
 fn family(effect: &str) -> &str {
     effect.split(':').next().unwrap_or(effect)
@@ -126,9 +129,9 @@ fn seen(diagnosis: &NewestDiagnosis, ledgers: &[Ledger]) -> Vec<Member> {
         let unit = finding.size.as_ref().map(|size| size.unit.clone());
         let why = match errors {
             Some([without, with]) => format!(
-                "{} is missing: with it the error on unseen data goes from {without:.2} to {with:.2}{}.",
+                "{} is missing: with it the error on unseen data goes from {without:.2} to {with:.2} {}.",
                 finding.title,
-                unit.as_ref().map(|unit| format!(" {unit}")).unwrap_or_default()
+                unit.as_deref().unwrap_or(OF_SEVERAL)
             ),
             None => format!("{} is missing.", finding.title),
         };

@@ -1,6 +1,6 @@
 //! The effects over all systems of a selection: how many lack each, and what adding it saves.
 
-use super::cells::{EffectState, MatrixRow};
+use super::cells::{EffectState, MatrixRow, OF_SEVERAL};
 use crate::service::serving::health::uncapitalised;
 use lampyris_core::model::Catalogue;
 use serde::Serialize;
@@ -142,10 +142,10 @@ fn sentence(
         return format!("none of {diagnosed} {noun} lacks {name}");
     }
     let (verb, each) = if lacking == 1 { ("lacks", "") } else { ("lack", " each") };
-    let unit = unit.map(|unit| format!(" {unit}")).unwrap_or_default();
+    let unit = unit.unwrap_or(OF_SEVERAL);
     let worth = match mean_saving {
         Some(saving) if saving >= WORTHWHILE => {
-            format!("; adding it saves {saving:.2}{unit}{each} on unseen data")
+            format!("; adding it saves {saving:.2} {unit}{each} on unseen data")
         }
         Some(_) => "; adding it leaves the error of a free run on unseen data as it is".to_owned(),
         None => String::new(),
