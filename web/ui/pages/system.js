@@ -1,6 +1,6 @@
 // One system: what is served, which fit is looked at, and the tabs.
 import { html, useRef } from '../html.js';
-import { ask, useResource, useList, post, AGAIN } from '../api.js';
+import { useResource, useList, post, AGAIN } from '../api.js';
 import { systemAddress, setQuery, go, address } from '../router.js';
 import { useAfterJobs, useEvents } from '../events.js';
 import { useSystems, needsSomebody, refresh } from '../systems.js';
@@ -35,17 +35,15 @@ const CARRIED = ['fit', 'with', 'from', 'to', 'mode', 'output'];
 /** Where all outputs can be seen at once. */
 const ALL_OUTPUTS = ['fit'];
 
-/** What the controller gets for a system; of a system that was never validated the list says nothing. */
-const servedOf = system => (path, options) =>
-  ask(path, options).then(({ items }) => items.find(entry => entry.system === system) ?? { missing: true });
-
 /** Whose the pictures of a page are: the system, its model and its fit. */
 const aboutOf = (system, fit, params) =>
   [system, fit && `fit of ${fitName(fit)}`, fit && params?.fit === fit.id && `revision ${params.revision}`].filter(Boolean).join(' · ');
 
 export function SystemPage({ system, tab, query }) {
   const document = useResource(`/systems/${system}`);
-  const served = useResource('/params', { read: servedOf(system) });
+  // A site has no model, and nothing is served; of a model that was never validated the nominal values come.
+  const model = document.data?.model;
+  const served = useResource(model ? `/params/${system}?accept=nominal` : null);
   const { rows } = useSystems();
   const fits = useList(`/fits?system=${encodeURIComponent(system)}`);
   const carried = Object.fromEntries(CARRIED.map(name => [name, query[name]]));
@@ -63,7 +61,7 @@ export function SystemPage({ system, tab, query }) {
     refresh(system);
   };
   const usable = (fits.data ?? []).filter(fit => fit.metrics && Object.keys(fit.metrics).length);
-  const params = !served.data || served.data.missing ? null : served.data;
+  const params = served.data?.revision ? served.data : null;
   const fit = query.fit ?? params?.fit ?? usable[0]?.id ?? null;
   const chosen = usable.find(entry => entry.id === fit);
   const metrics = chosen?.metrics ?? {};
@@ -78,7 +76,7 @@ export function SystemPage({ system, tab, query }) {
     z: ['show the whole range', () => setQuery({ from: null, to: null })],
   });
   if (document.error) return html`<${Failed} error=${document.error} retry=${document.reload} />`;
-  if (!document.data || !served.data || !fits.data) {
+  if (!document.data || (model && !served.data) || !fits.data) {
     const error = served.error ?? fits.error;
     return error
       ? html`<${Failed} error=${error} retry=${() => {
@@ -88,7 +86,7 @@ export function SystemPage({ system, tab, query }) {
       : html`<${Loading} what=${system} />`;
   }
   const row = rows?.find(entry => entry.system === system);
-  const waiting = waitingOf(fits.data);
+  const waiting = waitingOf(fits.data, model);
   const reload = () => {
     [document, served, fits].forEach(resource => resource.reload());
     refresh(system);

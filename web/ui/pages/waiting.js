@@ -8,9 +8,9 @@ import { decision, Reason } from '../parts/dialog.js';
 
 const MOST_PARAMETERS = 3;
 
-/** The newest fit that waits, unless something newer is served; `fits` are the newest first. */
-export const waitingOf = fits => {
-  const newest = fits.find(fit => fit.waits_for_operator || fit.served);
+/** The newest fit of the model that waits, unless something newer is served; `fits` are the newest first. */
+export const waitingOf = (fits, model) => {
+  const newest = fits.find(fit => (fit.waits_for_operator && fit.model === model) || fit.served);
   return newest?.waits_for_operator ? newest : null;
 };
 

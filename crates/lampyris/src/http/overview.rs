@@ -212,7 +212,7 @@ impl ReadPage {
             system: &record.system,
             served: served.as_ref(),
             newest,
-            waits: newest.is_some_and(|job| self.overview.waiting.contains(&job.id)),
+            waits: self.overview.waiting.contains(&system),
             fit: fit.as_ref(),
             diagnosis: self.overview.diagnoses.get(&system),
             measured_to: self.overview.measured_to.get(&system).copied(),

@@ -35,7 +35,7 @@ pub struct Overview {
     pub diagnoses: HashMap<String, PresentDiagnosis>,
     /// The instant of its newest sample.
     pub measured_to: HashMap<String, Timestamp>,
-    /// The jobs whose fits wait for an operator.
+    /// Systems in which a fit of their model, newer than what is served, waits for an operator.
     pub waiting: HashSet<String>,
 }
 
@@ -73,11 +73,14 @@ pub async fn read(store: &Store, systems: &[String]) -> Result<Overview, StoreEr
         overview.diagnoses.insert(system, PresentDiagnosis { verdict, missing });
     }
     overview.measured_to = measured::newest(store, systems).await?;
-    let sql = "SELECT f.job FROM offers o JOIN fits f ON f.id = o.fit WHERE f.system IN (SELECT value FROM \
-        json_each($1)) AND NOT EXISTS (SELECT 1 FROM decisions w WHERE w.fit = o.fit)";
-    let jobs: Vec<String> =
+    let sql = "SELECT f.system FROM offers o JOIN fits f ON f.id = o.fit \
+        JOIN systems s ON s.system = f.system AND s.model = f.model \
+        WHERE f.system IN (SELECT value FROM json_each($1)) \
+        AND NOT EXISTS (SELECT 1 FROM decisions w WHERE w.fit = o.fit) AND f.rowid > COALESCE(\
+        (SELECT v.rowid FROM revisions r JOIN fits v ON v.id = r.fit WHERE r.system = f.system AND r.current), 0)";
+    let waiting: Vec<String> =
         query_scalar(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
-    overview.waiting = jobs.into_iter().collect();
+    overview.waiting = waiting.into_iter().collect();
     Ok(overview)
 }
 

@@ -91,7 +91,7 @@ pub struct Facts<'a> {
     pub served: Option<&'a Served>,
     /// Its newest job.
     pub newest: Option<&'a JobRecord>,
-    /// Whether the fit of that waits for an operator.
+    /// Whether a fit that is newer than what is served waits for an operator.
     pub waits: bool,
     /// The fit that is served; where none is, the newest of its model.
     pub fit: Option<&'a ListedFit>,
@@ -371,6 +371,10 @@ impl Facts<'_> {
 
     fn never_validated(&self) -> SystemHealth {
         let fit = || self.step(NextCode::Refit, "Fit it", "");
+        if self.waits {
+            let why = "No fit was ever accepted, and a fit waits for an operator.";
+            return SystemHealth::new(Health::Attention, why, self.decide());
+        }
         let Some(job) = self.newest() else {
             let next = match self.measured_to {
                 Some(_) => fit(),
@@ -388,7 +392,6 @@ impl Facts<'_> {
                 (Health::Bad, "the newest job failed", see)
             }
             JobState::Succeeded { result, .. } => match result.outcome() {
-                _ if self.waits => (Health::Attention, "a fit waits for an operator", self.decide()),
                 Some(Outcome::Rejected) => {
                     let next = self.lacking().map_or_else(|| self.see_checks(), |lacking| lacking.next);
                     (Health::Bad, "the newest fit was rejected", next)

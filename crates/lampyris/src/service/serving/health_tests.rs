@@ -234,9 +234,12 @@ fn the_newest_job_decides_where_nothing_is_served() {
     assert_eq!(word(running()), (Health::Unknown, NextCode::Wait));
     assert_eq!(word(failed()), (Health::Bad, NextCode::Look));
     assert_eq!(word(succeeded(Outcome::Rejected)), (Health::Bad, NextCode::Look));
+    // Also where an experiment came behind it.
     let held = job(succeeded(Outcome::Held));
-    let waits = |waits| health_of(&Facts { newest: Some(&held), waits, ..facts(&system) }).next.code;
-    assert_eq!((waits(true), waits(false)), (NextCode::Promote, NextCode::Refit), "until it is decided");
+    for newest in [held.clone(), JobRecord { experiment: true, ..held }] {
+        let waits = |waits| health_of(&Facts { newest: Some(&newest), waits, ..facts(&system) }).next.code;
+        assert_eq!((waits(true), waits(false)), (NextCode::Promote, NextCode::Refit), "until it is decided");
+    }
     let experiment = JobRecord { experiment: true, ..job(failed()) };
     assert_eq!(of(Some(&experiment)).0, Health::Unknown);
 }
