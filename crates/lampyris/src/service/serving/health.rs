@@ -372,8 +372,13 @@ impl Facts<'_> {
     fn never_validated(&self) -> SystemHealth {
         let fit = || self.step(NextCode::Refit, "Fit it", "");
         if self.waits {
-            let why = "No fit was ever accepted, and a fit waits for an operator.";
-            return SystemHealth::new(Health::Attention, why, self.decide());
+            // The fit stays in sight on the system's page; what it lacks has to be looked for.
+            let (why, next) = match self.lacking() {
+                Some(lacking) => (format!(" {}", lacking.why), lacking.next),
+                None => (String::new(), self.decide()),
+            };
+            let why = format!("No fit was ever accepted, and a fit waits for an operator.{why}");
+            return SystemHealth::new(Health::Attention, why, next);
         }
         let Some(job) = self.newest() else {
             let next = match self.measured_to {
