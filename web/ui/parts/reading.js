@@ -47,7 +47,8 @@ const SEPARATORS = { ',': 'commas', ';': 'semicolons', '\t': 'tabs', '|': 'bars'
 /** A column as it was confirmed for an earlier file, or as it is proposed. */
 function understood(column, bindings) {
   const [channel, said] = Object.entries(bindings).find(([, bound]) => bound === column.column || bound.startsWith(`${column.column}[`)) ?? [];
-  if (!channel) return { ...column, use: column.channel !== null, channel: column.channel ?? nameOf(column) };
+  // A file is refused where a cell of a column that is used is no number.
+  if (!channel) return { ...column, use: column.channel !== null && column.odd === 0, channel: column.channel ?? nameOf(column) };
   const unit = column.stated || said === column.column ? column.unit : said.slice(column.column.length + 1, -1);
   return { ...column, use: true, channel, unit };
 }
@@ -197,7 +198,9 @@ export function Columns({ of: { columns, change }, channels = [], rooms = null }
             html`<option value=${id} selected=${id === column.room}>${label}</option>`)}</select>`]
         : []),
       percent(column.complete),
-      html`<span class="nowrap">${column.min === null ? 'no values' : `${number(column.min)} to ${number(column.max)}`}</span>`,
+      html`<span class="nowrap">${column.min === null ? 'no values' : `${number(column.min)} to ${number(column.max)}`}</span>${
+        column.odd > 0 ? html` <small>▲ ${column.odd} of its cells ${column.odd === 1 ? 'is no number' : 'are no numbers'}</small>` : ''
+      }`,
       column.first.map(value => (value === null ? 'none' : number(value))).join(', '),
     ])} />`;
 }
