@@ -109,8 +109,10 @@ async fn collect(service: &Arc<Service>, settings: &NotifySettings, sender: Send
         }
         if told.look_at.is_some_and(|at| at <= Instant::now()) {
             told.look_at = None;
-            let made = nights(service, settings, &mut told).await;
-            hand_over(service, settings, &sender, (made, &format!("{position}.night")));
+            if let Err(error) = nights(service, settings, &sender, &mut told).await {
+                tracing::error!(%error, "a night could not be told yet");
+                told.look_at = Some(Instant::now() + PATIENCE);
+            }
         }
         let quiet = told.look_at.unwrap_or_else(|| Instant::now() + PATIENCE);
         tokio::select! {
@@ -243,18 +245,18 @@ async fn of_job(
     Ok(Some(Notice { job: Some(job.id.clone()), ..notice }))
 }
 
-/// What is told of the nights that have ended with the jobs that were seen to end.
+/// Tells of the nights that have ended with the jobs that were seen to end. What the database keeps from
+/// being told is not taken as told.
 async fn nights(
     service: &Service,
     settings: &NotifySettings,
+    sender: &Sender<Notice>,
     told: &mut Told,
-) -> Result<Vec<Notice>, ServiceError> {
-    let mut made = Vec::new();
+) -> Result<(), ServiceError> {
     if !tells(service, settings, NoticeKind::Night) {
         told.ended.clear();
-        return Ok(made);
+        return Ok(());
     }
-    // Where the database fails, nothing is taken as told: the next end looks again.
     for id in store::batches::ended_with(&service.store, &told.ended).await? {
         if told.nights.contains(&id) {
             continue;
@@ -269,10 +271,11 @@ async fn nights(
         let title = format!("Lampyris: night of {}", night::day_of(report.at, &service.settings.zone));
         let link = format!("/ui/mornings/{id}");
         let notice = about("", NoticeKind::Night, title, report.summary, "");
-        made.push(Notice { system: None, link, batch: Some(id), ..notice });
+        let notice = Notice { system: None, link, batch: Some(id.clone()), ..notice };
+        hand_over(service, settings, sender, (Ok(vec![notice]), &format!("{id}.night")));
     }
     told.ended.clear();
-    Ok(made)
+    Ok(())
 }
 
 /// What is told of a status that has turned.
