@@ -6,7 +6,12 @@ export async function terms(chrome, { base }) {
     await page.goto(`${base}/ui/systems/room/5/fails`);
     const word = page.getByRole('button', { name: 'holding the last value' });
     const tip = page.getByRole('tooltip');
-    await word.hover();
+    // What is drawn above it meanwhile moves it away from under the pointer.
+    for (let tries = 0; tries < 20 && !(await tip.isVisible()); tries += 1) {
+      await page.mouse.move(0, 0);
+      await word.hover();
+      await page.waitForTimeout(400);
+    }
     await tip.filter({ hasText: 'holds the last measured value' }).waitFor();
     await page.keyboard.press('Escape');
     await tip.waitFor({ state: 'detached' });

@@ -114,7 +114,8 @@ function Systems({ rows, complete, running, schedules, query }) {
   const place = Math.max(all.findIndex(line => nameOf(line) === at), 0);
   const current = all[place];
   const wanted = useRef(null);
-  useEffect(() => {
+  // At once: an effect that waits for the picture of one step would be taken for that of the next.
+  useLayoutEffect(() => {
     // A step to another page ends at its row.
     if (wanted.current) table.current?.querySelector(CURRENT)?.focus();
     wanted.current = null;
