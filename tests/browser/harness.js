@@ -167,20 +167,6 @@ export function result() {
   return counted.failed ? 1 : 0;
 }
 
-/** Waits until nothing is drawn any more: what is drawn above a place moves it, and takes the focus with it. */
-export const settled = page =>
-  page.evaluate(
-    () =>
-      new Promise(done => {
-        let timer = setTimeout(done, 600);
-        const again = () => {
-          clearTimeout(timer);
-          timer = setTimeout(done, 600);
-        };
-        new MutationObserver(again).observe(document.body, { subtree: true, childList: true });
-      }),
-  );
-
 export function holds(condition, text) {
   if (!condition) throw new Error(text);
 }

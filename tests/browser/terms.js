@@ -1,13 +1,11 @@
 // Words explain themselves, by the pointer and by the keyboard, from the glossary of the book.
-import { holds, settled, test } from './harness.js';
+import { holds, test } from './harness.js';
 
 export async function terms(chrome, { base }) {
   await test(chrome, 'a_word_says_what_it_means_where_it_stands', {}, async page => {
     await page.goto(`${base}/ui/systems/room/5/fails`);
     const word = page.getByRole('button', { name: 'holding the last value' });
     const tip = page.getByRole('tooltip');
-    await word.waitFor();
-    await settled(page);
     await word.hover();
     await tip.filter({ hasText: 'holds the last measured value' }).waitFor();
     await page.keyboard.press('Escape');
