@@ -1,18 +1,23 @@
 // Words explain themselves, by the pointer and by the keyboard, from the glossary of the book.
-import { holds, test } from './harness.js';
+import { ask, holds, test } from './harness.js';
 
 export async function terms(chrome, { base }) {
   await test(chrome, 'a_word_says_what_it_means_where_it_stands', {}, async page => {
     await page.goto(`${base}/ui/systems/room/5/fails`);
     const word = page.getByRole('button', { name: 'holding the last value' });
     const tip = page.getByRole('tooltip');
+    // The line about the system comes above it, and would move it away from under the pointer.
+    const [{ why }] = (await ask(base, '/systems?systems=room/5')).items;
+    await page.locator('main p', { hasText: why.slice(0, 20) }).first().waitFor();
     await word.hover();
     await tip.filter({ hasText: 'holds the last measured value' }).waitFor();
     await page.keyboard.press('Escape');
     await tip.waitFor({ state: 'detached' });
-    // With the keyboard from the column before.
+    // With the keyboard from the column before, whose own meaning opens and has a link on the way.
     await page.mouse.move(0, 0);
     await page.getByRole('button', { name: 'rmse', exact: true }).last().focus();
+    await tip.getByRole('link', { name: 'Glossary' }).waitFor();
+    await page.keyboard.press('Tab');
     await page.keyboard.press('Tab');
     await tip.filter({ hasText: 'holds the last measured value' }).waitFor();
     holds((await word.getAttribute('aria-describedby')) === (await tip.getAttribute('id')), 'the word does not lead to its meaning');
