@@ -7,6 +7,7 @@ use super::diagnoses::MissingEffect;
 use super::error::StoreError;
 use super::fits::FitText;
 use super::measured;
+use super::offers::waits;
 use super::row::row;
 use super::statement::{query_as, query_scalar};
 use super::value::{from_json, from_word, to_json};
@@ -73,11 +74,12 @@ pub async fn read(store: &Store, systems: &[String]) -> Result<Overview, StoreEr
         overview.diagnoses.insert(system, PresentDiagnosis { verdict, missing });
     }
     overview.measured_to = measured::newest(store, systems).await?;
-    let sql = "SELECT f.system FROM offers o JOIN fits f ON f.id = o.fit \
-        JOIN systems s ON s.system = f.system AND s.model = f.model \
-        WHERE f.system IN (SELECT value FROM json_each($1)) \
-        AND NOT EXISTS (SELECT 1 FROM decisions w WHERE w.fit = o.fit) AND f.rowid > COALESCE(\
-        (SELECT v.rowid FROM revisions r JOIN fits v ON v.id = r.fit WHERE r.system = f.system AND r.current), 0)";
+    let sql = concat!(
+        "SELECT f.system FROM fits f JOIN systems s ON s.system = f.system AND s.model = f.model \
+        WHERE f.system IN (SELECT value FROM json_each($1)) AND f.rowid > COALESCE(\
+        (SELECT v.rowid FROM revisions r JOIN fits v ON v.id = r.fit WHERE r.system = f.system AND r.current), 0) AND ",
+        waits!("f.id")
+    );
     let waiting: Vec<String> =
         query_scalar(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     overview.waiting = waiting.into_iter().collect();

@@ -67,7 +67,7 @@ pub async fn report(
         jobs.iter().copied().filter(|job| job.outcome == Some(Outcome::Accepted)).collect();
     let policies = policies(service, accepted.iter().map(|job| job.system.clone()).collect()).await?;
     for job in accepted {
-        let horizon = policies.get(&job.system).map(|policy| policy.horizon).unwrap_or_default();
+        let horizon = policies.get(&job.system.to_string()).map(|policy| policy.horizon).unwrap_or_default();
         changed.push(changed_system(job, horizon));
     }
     changed.sort_by(|one, other| gain(other).total_cmp(&gain(one)).then(one.system.cmp(&other.system)));
@@ -105,13 +105,13 @@ pub async fn report(
     }))
 }
 
-/// The policies of some systems.
+/// The policies of some systems, by name.
 async fn policies(
     service: &Service,
     systems: Vec<SystemId>,
-) -> Result<HashMap<SystemId, Policy>, ServiceError> {
+) -> Result<HashMap<String, Policy>, ServiceError> {
     let records = store::systems::some(&service.store, &SystemScope::ALL, &systems).await?;
-    let read = |record: SystemRecord| Ok((record.system, document(&record.document)?.policy));
+    let read = |record: SystemRecord| Ok((record.system.to_string(), document(&record.document)?.policy));
     blocking(move || records.into_iter().map(read).collect::<Result<_, ServiceError>>()).await?
 }
 
@@ -132,11 +132,7 @@ async fn doubtful(service: &Service, reach: &SystemScope) -> Result<Vec<Doubtful
     let names: Vec<String> = found.iter().map(|(name, ..)| name.clone()).collect();
     let measured = store::measured::newest(&service.store, &names).await?;
     let known = names.iter().filter_map(|name| name.parse().ok()).collect();
-    let policies: HashMap<String, Policy> = policies(service, known)
-        .await?
-        .into_iter()
-        .map(|(system, policy)| (system.to_string(), policy))
-        .collect();
+    let policies = policies(service, known).await?;
     let now = service.now();
     let mut all: Vec<DoubtfulSystem> = found
         .into_iter()
