@@ -28,6 +28,35 @@ export async function evidence(chrome, { base }) {
     }
   });
 
+  await test(chrome, 'what_flows_unseen_stands_beside_the_channels_and_events_lead_to_their_hours', {}, async page => {
+    await page.goto(`${base}/ui/systems/${HIDES_TWO}/missing`);
+    const [{ id }] = (await ask(base, `/diagnoses?system=${HIDES_TWO}`)).items;
+    const heat = await ask(base, `/diagnoses/${id}/missing-heat`);
+    const chart = page.getByRole('figure', { name: 'Missing, hour by hour' });
+    await chart.locator('.strip', { hasText: 'P_appliances' }).locator('canvas').waitFor();
+    await chart.getByRole('button', { name: 'Table' }).click();
+    const known = heat.hours.filter(hour => hour.rate !== null);
+    const first = chart.locator('.numbers tbody tr').first();
+    const told = (await first.getByRole('cell').allInnerTexts()).map(Number);
+    const hour = [known[0].rate, ...known[0].band_50, ...known[0].band_95];
+    holds(
+      told.length === hour.length && told.every((value, at) => Math.abs(value - hour[at]) < 1e-3 * Math.abs(hour[at]) + 1e-6),
+      `${told} beside ${hour}`,
+    );
+    // The largest event comes first, and leads to its hours in the chart.
+    const largest = heat.events.reduce((most, event) => (Math.abs(event.sum) > Math.abs(most.sum) ? event : most));
+    const row = page.getByRole('table', { name: 'largest of' }).locator('tbody tr').first();
+    holds((await row.innerText()).includes(`${largest.hours} h`), await row.innerText());
+    await row.getByRole('button', { name: 'above' }).click();
+    const shown = new URL(page.url()).searchParams;
+    const at = Date.parse(largest.from);
+    holds(Date.parse(shown.get('from')) < at && at < Date.parse(shown.get('to')), page.url());
+    await page.getByRole('figure', { name: 'Missing in a mean week' }).locator('svg.chart path').first().waitFor();
+    // A plant is stepped without a filter, and its page says so in place of a chart.
+    await page.goto(`${base}/ui/systems/plant/north/missing`);
+    await page.getByText('What flows unseen cannot be told here').waitFor();
+  });
+
   await test(chrome, 'residuals_by_lag_and_by_frequency_are_charts_with_their_numbers', {}, async page => {
     const [{ id }] = (await ask(base, `/fits?system=${KNOWS_THE_DAY}&page_size=1`)).items;
     const told = await ask(base, `/fits/${id}/diagnostics`);

@@ -14,6 +14,7 @@ mod house;
 mod judged;
 mod likelihood;
 mod load;
+mod missing_heat;
 mod options;
 mod page;
 mod params;
@@ -58,9 +59,13 @@ enum Study {
     Engine(First),
     /// The default search beside its rivals on synthetic rooms: one week fitted, one to judge.
     Room(room::Arguments),
-    /// What a diagnosis names on synthetic rooms with hidden effects.
+    /// What a diagnosis names on synthetic rooms with hidden effects: a third hides nothing, a third one
+    /// effect, a fifth two, the others an effect that no catalogue has.
     Diagnose(Worlds),
-    /// The same on measured rooms with a known driver withheld, and with the channels of other days.
+    /// Whether what is missing hour by hour holds what was hidden, on synthetic rooms of three weeks.
+    MissingHeat(Worlds),
+    /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
+    /// days.
     Real(real::Arguments),
     /// How often the bands of forecasts hold what was measured then, in measured rooms.
     Bands(real::bands::Arguments),
@@ -98,6 +103,7 @@ impl Study {
             Self::Engine(asked) => ("engine", Some(asked.seed)),
             Self::Room(asked) => ("room", Some(asked.first.seed)),
             Self::Diagnose(asked) => ("diagnose", Some(asked.first.seed)),
+            Self::MissingHeat(asked) => ("missing-heat", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
@@ -179,6 +185,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         }
         Study::Bands(asked) => real::bands::run(asked)?,
         Study::Diagnose(asked) => diagnose::run(asked)?,
+        Study::MissingHeat(asked) => missing_heat::run(asked)?,
         Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };
     if as_json {

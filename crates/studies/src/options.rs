@@ -58,8 +58,7 @@ pub struct Seeds {
 pub struct Worlds {
     #[command(flatten)]
     pub first: First,
-    /// How many worlds of each level are diagnosed: a third hides nothing, a third one effect, a fifth two,
-    /// the others an effect that no catalogue has.
+    /// How many worlds are looked at, of each level where there are two.
     #[arg(long, default_value_t = 30)]
     pub worlds: u64,
     #[command(flatten)]

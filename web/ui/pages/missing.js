@@ -18,6 +18,7 @@ import { worstOutput } from '../parts/outputs.js';
 import { Adding } from './adding.js';
 import { Evidence } from './evidence.js';
 import { Ledger } from './ledger.js';
+import { MissingHeat } from './missing-heat.js';
 
 const SAYS = {
   named: 'Something physical is missing here, and it has a name.',
@@ -115,6 +116,8 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
     <${Present} effects=${data.present} />
     <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model}
       output=${several ? erring : null} unit=${unit} />
+    ${weighed && html`<${MissingHeat} path=${path} output=${several ? erring : null} system=${system} query=${query}
+      zone=${document.location?.zone ?? 'UTC'} />`}
     ${(data.considered.length > 0 || data.not_testable.length > 0) && html`<div class="grid">
       <section><${Table} caption="Tested, and what became of it"
         columns=${[['effect'], ['gain in BIC', 'number'], ['of the error', 'number'], ['why']]}

@@ -118,31 +118,57 @@ impl<'a> Linearisation<'a> {
         noise: &Noise,
         brake: &Brake,
     ) -> Option<Vec<LinearStep>> {
-        let q: Vec<f64> = noise.process.iter().map(|sigma| sigma * sigma).collect();
-        let mut drives: Vec<Drive> = Vec::new();
         let mut steps: Vec<LinearStep> = Vec::new();
+        let mut drives = Vec::new();
         for k in samples {
             let start = steps.last().map_or(states, |step| &step.next).to_vec();
-            let mut divided = |level: usize| {
-                if drives.len() == level {
-                    drives.push(Drive::new(&self.field, self.inputs, 2 << level));
-                }
-                self.divided(&drives[level], k, 1 << level, &start, &q, brake)
-            };
-            let mut coarse = divided(0)?;
-            let mut best: Option<Flow> = None;
-            for level in 1.. {
-                let fine = divided(level)?;
-                let next = fine.extrapolated(&coarse);
-                let agree = best.as_ref().unwrap_or(&coarse).is_near(&next);
-                (coarse, best) = (fine, Some(next));
-                if agree || 1 << level >= FINEST {
-                    break;
-                }
-            }
-            steps.push(self.step(k, start, best?));
+            steps.push(self.step_from(k, start, noise, FINEST, brake, &mut drives)?);
         }
         Some(steps)
+    }
+
+    /// The steps from each of these samples to the next, each from states of its own, in two stretches: near
+    /// enough to filter by, where many parameters are tried.
+    pub fn steps_along<'s>(
+        &self,
+        samples: impl Iterator<Item = (usize, &'s [f64])>,
+        noise: &Noise,
+        brake: &Brake,
+    ) -> Option<Vec<LinearStep>> {
+        let mut drives = Vec::new();
+        samples.map(|(k, start)| self.step_from(k, start.to_vec(), noise, 2, brake, &mut drives)).collect()
+    }
+
+    /// The step from a sample to the next, in at most so many stretches. `drives` are what divisions of a
+    /// step are driven by, as far as they were needed.
+    fn step_from(
+        &self,
+        k: usize,
+        start: Vec<f64>,
+        noise: &Noise,
+        finest: usize,
+        brake: &Brake,
+        drives: &mut Vec<Drive>,
+    ) -> Option<LinearStep> {
+        let q: Vec<f64> = noise.process.iter().map(|sigma| sigma * sigma).collect();
+        let mut divided = |level: usize| {
+            if drives.len() == level {
+                drives.push(Drive::new(&self.field, self.inputs, 2 << level));
+            }
+            self.divided(&drives[level], k, 1 << level, &start, &q, brake)
+        };
+        let mut coarse = divided(0)?;
+        let mut best: Option<Flow> = None;
+        for level in 1.. {
+            let fine = divided(level)?;
+            let next = fine.extrapolated(&coarse);
+            let agree = best.as_ref().unwrap_or(&coarse).is_near(&next);
+            (coarse, best) = (fine, Some(next));
+            if agree || 1 << level >= finest {
+                break;
+            }
+        }
+        Some(self.step(k, start, best?))
     }
 
     /// What becomes of states and small changes over an interval that is divided into so many stretches.

@@ -70,6 +70,12 @@ pub struct World {
     pub neighbours: Vec<String>,
     /// What the measurements do not say.
     pub truth: Truth,
+    /// What the base model would need to know of the room: its parameters, without its starts.
+    pub parameters: Vec<(String, f64)>,
+    /// The heat of the household that flows into the room air, in K/h: its mean from each sample to the next.
+    pub household: Vec<f64>,
+    /// That of the hidden effects.
+    pub hidden_heat: Vec<f64>,
 }
 
 /// What is hidden.
@@ -184,7 +190,16 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         household_heat,
         sensor_noise: SENSOR_NOISE,
     };
-    Ok(World { csv, neighbours, truth })
+    let per_sample = request.step_minutes / STEP_MINUTES;
+    let first = WARM_UP_DAYS * STEPS_PER_DAY;
+    let by_sample = |heat: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        let heat: Vec<f64> = (first..states.len() - 1).map(heat).collect();
+        heat.chunks(per_sample).map(|steps| steps.iter().sum::<f64>() / steps.len() as f64).collect()
+    };
+    let household = by_sample(&|k| room.heat[k]);
+    let hidden_heat = by_sample(&|k| room.gain(states[k][0], k, 0.5, &hidden));
+    let parameters = room.rates.parameters();
+    Ok(World { csv, neighbours, truth, parameters, household, hidden_heat })
 }
 
 fn rates(dice: &mut Dice) -> Rates {
@@ -201,6 +216,25 @@ fn rates(dice: &mut Dice) -> Rates {
         t_set: dice.between(20.0, 22.5),
         furniture: (dice.log_between(0.2, 1.0), dice.log_between(0.5, 3.0)),
         wall: (dice.log_between(0.02, 0.2), dice.log_between(0.5, 3.0)),
+    }
+}
+
+impl Rates {
+    /// By the names of the base model.
+    fn parameters(&self) -> Vec<(String, f64)> {
+        let named = [
+            ("alpha_h", self.h),
+            ("alpha_e", self.e),
+            ("alpha_w", self.w),
+            ("alpha_a", self.a),
+            ("alpha_s", self.s),
+            ("beta_h", self.floor),
+            ("beta_he", self.envelope),
+            ("k", self.k),
+            ("T_set", self.t_set),
+        ];
+        let neighbours = self.n.iter().zip(1..).map(|(n, number)| (format!("alpha_n[{number}]"), *n));
+        named.into_iter().map(|(name, value)| (name.to_owned(), value)).chain(neighbours).collect()
     }
 }
 
@@ -258,25 +292,18 @@ impl Room {
         let (out, mut forward) = (line(&climate.out), line(&climate.forward));
         let mut flow = 1.0 / (1.0 + (rates.k * (room - rates.t_set)).exp());
         let sun = climate.sun(k) + part * (climate.sun(k + 1) - climate.sun(k));
-        let (mut gain, mut wall_gain, mut emitted, mut lag) = (self.heat[k], 0.0, 1.0, 1.0);
+        let gain = self.heat[k] + self.gain(room, k, part, hidden);
+        let (mut wall_gain, mut emitted, mut lag) = (0.0, 1.0, 1.0);
         for Hidden { kind, strength, shape } in hidden {
             let (c, shape) = (*strength, shape[k]);
             match kind {
-                Kind::Wind => gain += c * line(&climate.wind) * (out - room),
-                Kind::Window => gain += c * shape * (out - room),
-                Kind::Door(n) => gain += c * shape * (line(&climate.neighbours[*n]) - room),
-                Kind::Outdoor => gain += c * (out - room),
-                Kind::People | Kind::Facade(_) | Kind::Constant | Kind::Stove | Kind::Laundry => {
-                    gain += c * shape
-                }
-                Kind::Metered => gain += c * climate.power[k],
                 Kind::Sky => wall_gain -= c * shape,
                 Kind::Wall => wall_gain += c * shape,
                 Kind::Exponent => emitted = (((floor - room).powi(2) + 0.0625) / 16.0).powf(c / 2.0),
                 Kind::Setback => flow *= 1.0 - c * shape,
                 Kind::Delay => forward = climate.forward[k.saturating_sub((c / HOURS) as usize)],
                 Kind::Lag => lag = 1.0 / c.max(0.05),
-                Kind::Drift => {}
+                _ => {}
             }
         }
         let emitted = rates.h * (floor - room) * emitted;
@@ -299,6 +326,26 @@ impl Room {
         }
         slope[5] = lag * (room - sensor);
         slope
+    }
+
+    /// The heat of the hidden effects as it flows into the room air at this temperature, in K/h.
+    fn gain(&self, room: f64, k: usize, part: f64, hidden: &[Hidden]) -> f64 {
+        let climate = &self.climate;
+        let line = |series: &[f64]| series[k] + part * (series[k + 1] - series[k]);
+        let out = line(&climate.out);
+        let of = |Hidden { kind, strength, shape }: &Hidden| {
+            strength
+                * match kind {
+                    Kind::Wind => line(&climate.wind) * (out - room),
+                    Kind::Window => shape[k] * (out - room),
+                    Kind::Door(n) => shape[k] * (line(&climate.neighbours[*n]) - room),
+                    Kind::Outdoor => out - room,
+                    Kind::People | Kind::Facade(_) | Kind::Constant | Kind::Stove | Kind::Laundry => shape[k],
+                    Kind::Metered => climate.power[k],
+                    _ => 0.0,
+                }
+        };
+        hidden.iter().map(of).sum()
     }
 
     /// The effect with the strength that moves the room by `wanted` K (standard deviation), or the strongest

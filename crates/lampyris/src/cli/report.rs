@@ -6,6 +6,7 @@ use super::output::{Failure, faults};
 use crate::http::{book_text, model_document, page_part};
 use crate::service::ServiceError;
 use crate::service::catalogue::windows::Format;
+use crate::service::query::missing_heat::{self, MissingHeatWanted};
 use crate::service::query::subject::{ComparisonAsked, NamedFit};
 use crate::service::query::{comparison, diagnostics};
 use jiff::Timestamp;
@@ -96,6 +97,11 @@ fn data(found: &ReportSubject<'_>) -> Result<Value, Failure> {
     if let Some(diagnosis) = found.diagnosis {
         let own = json!({"id": ID, "job": null, "system": ID, "fit": ID, "created_at": made_at});
         answers.insert(format!("/diagnoses/{ID}"), joined(own, diagnosis)?);
+        let wanted = MissingHeatWanted { output: None, format: Format::Json };
+        // A model without a filter has none, and its page says so.
+        if let Ok(document) = missing_heat::document(&named, &replay, &wanted) {
+            answers.insert(format!("/diagnoses/{ID}/missing-heat"), read(Ok(document))?);
+        }
     }
     if let Some(ladder) = found.ladder {
         let own = json!({"job": null, "system": ID, "fit": ID, "created_at": made_at});

@@ -33,6 +33,7 @@ mod layout;
 mod listen;
 mod matrix;
 mod metrics;
+mod missing_heat;
 mod models;
 mod negotiate;
 mod night_page;

@@ -58,6 +58,11 @@ fn the_hidden_effect_is_named_added_and_the_error_falls() {
     );
 
     let diagnosis = app.get(job["links"]["diagnosis"].as_str().unwrap()).expect(200).json();
+    // What flows that nobody knows of is that of the fit which it starts from.
+    let heat = |path: String| app.get(&format!("{path}/missing-heat")).expect(200).json();
+    let flows = heat(format!("/diagnoses/{}", diagnosis["id"].as_str().unwrap()));
+    assert_eq!(flows, heat(format!("/fits/{}", diagnosis["fit"].as_str().unwrap())));
+    assert!(flows["hours"].as_array().unwrap().len() > 600, "{}", flows["sentences"]);
     assert_eq!((diagnosis["id"].as_str(), &diagnosis["fit"]), (job["diagnosis"].as_str(), &job["fit"]));
     assert_eq!(
         (diagnosis["verdict"].as_str(), diagnosis["system"].as_str()),

@@ -27,6 +27,7 @@ mod layout;
 mod likelihood;
 mod limits;
 mod lines;
+mod missing_heat;
 mod models;
 mod nights;
 mod notify;

@@ -57,9 +57,7 @@ pub async fn diagnostics(
     output: Option<String>,
 ) -> Result<RenderedAnswer, ServiceError> {
     let record = subject::require(service, id).await?;
-    if let Some(wanted) = output.as_deref().filter(|wanted| !record.fit.metrics.contains_key(*wanted)) {
-        return Err(ServiceError::Faults(vec![unknown(&record.fit, wanted)]));
-    }
+    checked(&record.fit, output.as_deref())?;
     let (_, end) = window_of(&record.fit).map_err(ServiceError::Faults)?;
     let key = subject::key(service, "diagnostics", &[&record], output.as_deref().unwrap_or("")).await?;
     if let Some(answer) = service.interactive.known(&key) {
@@ -74,17 +72,22 @@ pub async fn diagnostics(
     service.interactive.answer(&key, work).await
 }
 
-fn unknown(fit: &Fit, wanted: &str) -> Fault {
+/// That a fit has the output that is asked for, if one is.
+///
+/// # Errors
+/// What it has instead.
+pub(super) fn checked(fit: &Fit, output: Option<&str>) -> Result<(), ServiceError> {
+    let Some(wanted) = output.filter(|wanted| !fit.metrics.contains_key(*wanted)) else { return Ok(()) };
     let known: Vec<&str> = fit.metrics.keys().map(String::as_str).collect();
     let fault = Fault::new(
         "query output",
         "unknown-output",
         format!("`{wanted}` is none of the outputs {}", known.join(", ")),
     );
-    match nearest(wanted, known) {
+    Err(ServiceError::Faults(vec![match nearest(wanted, known) {
         Some(near) => fault.suggest(format!("did you mean `{near}`?")),
         None => fault,
-    }
+    }]))
 }
 
 /// The diagnostics of a fit that was run again, in the light of all that was measured: the skill of every

@@ -1,0 +1,148 @@
+//! A Kalman filter over the record, and the fixed-interval smoother of Bierman (1973, "Fixed interval
+//! smoothing with discrete measurements", International Journal of Control 18): from the end backwards it
+//! adds up what later values say, and inverts no covariance, so that what is known exactly does no harm.
+
+use super::record::LinearRecord;
+use crate::interrupt::Brake;
+use nalgebra::{DMatrix, DVector};
+
+/// The likeliest is found to this factor.
+const NEAR: f64 = 1.08;
+/// How long the missing rate may remember, in hours.
+const MEMORY: [f64; 2] = [0.2, 72.0];
+/// How far sensor and size may lie from where the search begins, as factors. A sensor is no better than it is
+/// said to be by much, or jumps of the heat would be laid to the room.
+const SENSOR: [f64; 2] = [0.7, 10.0];
+const SIZE: [f64; 2] = [3e-3, 300.0];
+
+/// What the filter is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Guess {
+    /// Deviation of the sensors in their scale.
+    pub sensor: f64,
+    /// Deviation of the missing rate over all time, in the state's unit per hour.
+    pub size: f64,
+    /// How long it remembers, in hours.
+    pub memory: f64,
+}
+
+/// What is known of everything that is sought at a sample.
+pub(super) type Smoothed = (DVector<f64>, DMatrix<f64>);
+
+/// What a value changed.
+struct Update {
+    row: DVector<f64>,
+    gain: DVector<f64>,
+    innovation: f64,
+    variance: f64,
+}
+
+/// A sample of a filter's pass: what is known before its values, what each of them changed, and the step to
+/// the next one.
+struct Sample {
+    before: Smoothed,
+    updates: Vec<Update>,
+    step: Option<DMatrix<f64>>,
+}
+
+/// The logarithm of the likelihood of the record, without its constant.
+pub(super) fn likelihood(record: &LinearRecord, guess: Guess) -> f64 {
+    filter(record, guess, |_| {})
+}
+
+/// Everything that is sought at each sample, given all of the record.
+pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
+    let mut samples = Vec::with_capacity(record.readings.len());
+    filter(record, guess, |sample| samples.push(sample));
+    let width = record.width();
+    // What all later values say: the gradient and the curvature of minus the logarithm of their likelihood.
+    let mut slope = DVector::zeros(width);
+    let mut curvature = DMatrix::zeros(width, width);
+    let mut smoothed: Vec<Smoothed> = Vec::with_capacity(samples.len());
+    for sample in samples.iter().rev() {
+        if let Some(step) = &sample.step {
+            slope = step.tr_mul(&slope);
+            curvature = step.tr_mul(&curvature) * step;
+        }
+        for Update { row, gain, innovation, variance } in sample.updates.iter().rev() {
+            let along = gain.dot(&slope) + innovation / variance;
+            slope.axpy(-along, row, 1.0);
+            let bent = &curvature * gain;
+            let of_row = gain.dot(&bent) + 1.0 / variance;
+            curvature.ger(-1.0, row, &bent, 1.0);
+            curvature.ger(-1.0, &bent, row, 1.0);
+            curvature.ger(of_row, row, row, 1.0);
+        }
+        let (mean, covariance) = &sample.before;
+        smoothed.push((mean - covariance * &slope, covariance - covariance * &curvature * covariance));
+    }
+    smoothed.reverse();
+    smoothed
+}
+
+/// The likeliest guess, by a search along one axis of the logarithms after the other. `begin` is where it
+/// begins, `middle` what the bounds are of.
+pub(super) fn likeliest(record: &LinearRecord, begin: Guess, middle: Guess, brake: &Brake) -> Guess {
+    let within = |value: f64, of: f64, [low, high]: [f64; 2]| value.clamp(low * of, high * of);
+    let moves = [
+        |guess: Guess, by: f64| Guess { sensor: guess.sensor * by, ..guess },
+        |guess: Guess, by: f64| Guess { size: guess.size * by, ..guess },
+        |guess: Guess, by: f64| Guess { memory: guess.memory * by, ..guess },
+    ];
+    let bounded = |guess: Guess| Guess {
+        sensor: within(guess.sensor, middle.sensor, SENSOR),
+        size: within(guess.size, middle.size, SIZE),
+        memory: within(guess.memory, 1.0, MEMORY),
+    };
+    let (mut best, mut at) = (begin, likelihood(record, begin));
+    let mut factor = 2.0_f64;
+    while factor > NEAR {
+        let mut is_better = false;
+        for step in moves {
+            for by in [factor, 1.0 / factor] {
+                brake.check();
+                let there = bounded(step(best, by));
+                let value = likelihood(record, there);
+                if value > at + 1e-6 {
+                    (best, at, is_better) = (there, value, true);
+                    break;
+                }
+            }
+        }
+        if !is_better {
+            factor = factor.sqrt();
+        }
+    }
+    best
+}
+
+fn filter(record: &LinearRecord, guess: Guess, mut keep: impl FnMut(Sample)) -> f64 {
+    let fades = (-record.hours / guess.memory).exp();
+    let rate = record.rate();
+    let (mut mean, mut covariance) = record.begin(guess.size.powi(2));
+    let mut likelihood = 0.0;
+    for (k, readings) in record.readings.iter().enumerate() {
+        let before = (mean.clone(), covariance.clone());
+        let mut updates = Vec::with_capacity(readings.len());
+        for reading in readings {
+            let row = reading.row.clone();
+            let innovation = reading.value - reading.constant - row.dot(&mean);
+            let spread = &covariance * &row;
+            let variance = row.dot(&spread) + (guess.sensor * reading.scale).powi(2);
+            likelihood -= 0.5 * (innovation * innovation / variance + variance.ln());
+            mean.axpy(innovation / variance, &spread, 1.0);
+            covariance.ger(-1.0 / variance, &spread, &spread, 1.0);
+            updates.push(Update { row, gain: spread / variance, innovation, variance });
+        }
+        let step = record.steps.get(k).map(|step| {
+            let mut matrix = step.matrix.clone();
+            matrix[(rate, rate)] = fades;
+            mean = &matrix * &mean + &step.constant;
+            covariance = &matrix * &covariance * matrix.transpose() + &step.covariance;
+            covariance[(rate, rate)] += guess.size.powi(2) * (1.0 - fades * fades);
+            matrix
+        });
+        keep(Sample { before, updates, step });
+    }
+    if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY }
+}
