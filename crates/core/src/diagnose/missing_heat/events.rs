@@ -59,8 +59,9 @@ pub(super) fn usual(hours: &[Hour]) -> f64 {
     median(hours.iter().filter_map(|hour| hour.rate).collect())
 }
 
-/// The events, in the order of time.
-pub(super) fn events(hours: &[Hour]) -> Vec<HeatEvent> {
+/// The events, in the order of time. `length` is that of each of the hours: one, or more where samples are
+/// rarer.
+pub(super) fn events(hours: &[Hour], length: f64) -> Vec<HeatEvent> {
     let usual = usual(hours);
     let above = |at: usize| hours[at].known().map(|(rate, sd)| (rate - usual, sd));
     let spread = NORMAL * median((0..hours.len()).filter_map(|at| Some(above(at)?.0.abs())).collect());
@@ -81,12 +82,12 @@ pub(super) fn events(hours: &[Hour]) -> Vec<HeatEvent> {
         let last = (seed..hours.len()).take_while(lasts).last().unwrap_or(seed);
         is_taken[first..=last].fill(true);
         let sum: f64 = (first..=last).map(size).sum();
-        let count = last - first + 1;
+        let count = (last - first + 1) as f64;
         found.push(HeatEvent {
             from: hours[first].from.clone(),
-            hours: count,
-            rate: sum / count as f64,
-            sum,
+            hours: (count * length).round() as usize,
+            rate: sum / count,
+            sum: sum * length,
             at: (first, last),
         });
     }
@@ -95,7 +96,7 @@ pub(super) fn events(hours: &[Hour]) -> Vec<HeatEvent> {
 }
 
 /// The habits among events, the largest first.
-pub(super) fn habits(hours: &[Hour], events: &[HeatEvent]) -> Vec<HeatHabit> {
+pub(super) fn habits(hours: &[Hour], length: f64, events: &[HeatEvent]) -> Vec<HeatHabit> {
     let mut habits = Vec::new();
     for sign in [1.0, -1.0] {
         let mut of_sign: Vec<(f64, &HeatEvent)> = events
@@ -108,7 +109,7 @@ pub(super) fn habits(hours: &[Hour], events: &[HeatEvent]) -> Vec<HeatHabit> {
             round_the_clock(&of_sign)
                 .into_iter()
                 .filter(|kind| kind.len() >= HABIT)
-                .map(|kind| habit(hours, &kind)),
+                .map(|kind| habit(hours, length, &kind)),
         );
     }
     habits.sort_by(|a, b| b.events.cmp(&a.events).then(b.rate.abs().total_cmp(&a.rate.abs())));
@@ -139,7 +140,7 @@ fn round_the_clock<'a>(sorted: &[(f64, &'a HeatEvent)]) -> Vec<Vec<&'a HeatEvent
     kinds
 }
 
-fn habit(hours: &[Hour], kind: &[&HeatEvent]) -> HeatHabit {
+fn habit(hours: &[Hour], length: f64, kind: &[&HeatEvent]) -> HeatHabit {
     let of = |value: &dyn Fn(&HeatEvent) -> f64| median(kind.iter().map(|event| value(event)).collect());
     // Hours of the day are told from the kind's own middle, so that midnight is no edge.
     let around = middle(hours, kind[kind.len() / 2]);
@@ -157,7 +158,9 @@ fn habit(hours: &[Hour], kind: &[&HeatEvent]) -> HeatHabit {
         hours: lasts.round() as usize,
         on_working_days: kind.iter().filter(|event| hours[event.at.0].weekday < WORKING_DAYS).count() as f64
             / kind.len() as f64,
-        every_days: median(firsts.windows(2).map(|pair| (pair[1] - pair[0]) as f64 / 24.0).collect()),
+        every_days: median(
+            firsts.windows(2).map(|pair| (pair[1] - pair[0]) as f64 * length / 24.0).collect(),
+        ),
     }
 }
 

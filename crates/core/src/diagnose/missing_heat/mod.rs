@@ -27,6 +27,7 @@ use crate::fault::Fault;
 use crate::model::expr::Node;
 use crate::model::{Initial, Model};
 use crate::units::{Unit, error_unit};
+use nalgebra::DVector;
 use record::{LinearRecord, MissingHeatAsked};
 use serde::{Deserialize, Serialize};
 use smoother::Guess;
@@ -132,8 +133,9 @@ pub fn missing_heat(
     };
     let known: Vec<Option<(f64, f64)>> = firsts.windows(2).map(of_hour).collect();
     let hours = hours::hours(problem, &firsts, &known)?;
-    let events = events::events(&hours);
-    let habits = events::habits(&hours, &events);
+    let length = record.hours.max(1.0);
+    let events = events::events(&hours, length);
+    let habits = events::habits(&hours, length, &events);
     let (per_kilowatt, per_kilowatt_of) = kilowatt(model, theta, state, is_sure).unzip();
     let mut found = MissingHeat {
         output: channel.to_owned(),
@@ -170,18 +172,20 @@ impl MissingHeatAsked<'_> {
         let mut guess = begin;
         let mut settled = None;
         for round in 0..ROUNDS {
-            let record = LinearRecord::new(self, &along)?;
+            // Where one more round leaves the numbers, the one before has to do.
+            let Some(record) = LinearRecord::new(self, &along) else { break };
             if round < LIKELIEST_ROUNDS {
                 guess = smoother::likeliest(&record, guess, begin, problem.brake());
             }
             let smoothed = smoother::smooth(&record, guess);
-            let mut moved = 0.0_f64;
-            for (along, (mean, _)) in along.iter_mut().zip(&smoothed) {
-                for (from, to) in along.iter_mut().zip(mean.iter()) {
-                    moved = if to.is_finite() { moved.max((to - *from).abs()) } else { return None };
-                    *from = *to;
-                }
+            let states = |mean: &DVector<f64>| mean.as_slice()[..record.rate()].to_vec();
+            let next: Vec<Vec<f64>> = smoothed.iter().map(|(mean, _)| states(mean)).collect();
+            if next.iter().flatten().any(|value| !value.is_finite()) {
+                break;
             }
+            let both = along.iter().flatten().zip(next.iter().flatten());
+            let moved = both.map(|(from, to)| (to - from).abs()).fold(0.0, f64::max);
+            along = next;
             settled = Some((guess, record, smoothed));
             if moved < SETTLED * sensor * problem.scale(self.output) {
                 break;

@@ -47,13 +47,13 @@ struct Sample {
 
 /// The logarithm of the likelihood of the record, without its constant.
 pub(super) fn likelihood(record: &LinearRecord, guess: Guess) -> f64 {
-    filter(record, guess, |_| {})
+    filter(record, guess, None)
 }
 
 /// Everything that is sought at each sample, given all of the record.
 pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
     let mut samples = Vec::with_capacity(record.readings.len());
-    filter(record, guess, |sample| samples.push(sample));
+    filter(record, guess, Some(&mut samples));
     let width = record.width();
     // What all later values say: the gradient and the curvature of minus the logarithm of their likelihood.
     let mut slope = DVector::zeros(width);
@@ -116,33 +116,50 @@ pub(super) fn likeliest(record: &LinearRecord, begin: Guess, middle: Guess, brak
     best
 }
 
-fn filter(record: &LinearRecord, guess: Guess, mut keep: impl FnMut(Sample)) -> f64 {
+/// Filters the record, and keeps every sample where that is wanted.
+fn filter(record: &LinearRecord, guess: Guess, mut kept: Option<&mut Vec<Sample>>) -> f64 {
     let fades = (-record.hours / guess.memory).exp();
     let rate = record.rate();
     let (mut mean, mut covariance) = record.begin(guess.size.powi(2));
     let mut likelihood = 0.0;
+    // The search for the likeliest comes here some hundred times, so that nothing is made anew in this loop.
+    let mut matrix = covariance.clone();
+    let (mut half, mut next) = (covariance.clone(), mean.clone());
+    let mut spread = mean.clone();
     for (k, readings) in record.readings.iter().enumerate() {
-        let before = (mean.clone(), covariance.clone());
-        let mut updates = Vec::with_capacity(readings.len());
+        let before = kept.is_some().then(|| (mean.clone(), covariance.clone()));
+        let mut updates = Vec::new();
         for reading in readings {
-            let row = reading.row.clone();
-            let innovation = reading.value - reading.constant - row.dot(&mean);
-            let spread = &covariance * &row;
-            let variance = row.dot(&spread) + (guess.sensor * reading.scale).powi(2);
+            let innovation = reading.value - reading.constant - reading.row.dot(&mean);
+            spread.gemv(1.0, &covariance, &reading.row, 0.0);
+            let variance = reading.row.dot(&spread) + (guess.sensor * reading.scale).powi(2);
             likelihood -= 0.5 * (innovation * innovation / variance + variance.ln());
             mean.axpy(innovation / variance, &spread, 1.0);
             covariance.ger(-1.0 / variance, &spread, &spread, 1.0);
-            updates.push(Update { row, gain: spread / variance, innovation, variance });
+            if kept.is_some() {
+                updates.push(Update {
+                    row: reading.row.clone(),
+                    gain: &spread / variance,
+                    innovation,
+                    variance,
+                });
+            }
         }
         let step = record.steps.get(k).map(|step| {
-            let mut matrix = step.matrix.clone();
+            matrix.copy_from(&step.matrix);
             matrix[(rate, rate)] = fades;
-            mean = &matrix * &mean + &step.constant;
-            covariance = &matrix * &covariance * matrix.transpose() + &step.covariance;
+            next.copy_from(&step.constant);
+            next.gemv(1.0, &matrix, &mean, 1.0);
+            mean.copy_from(&next);
+            half.gemm(1.0, &matrix, &covariance, 0.0);
+            covariance.copy_from(&step.covariance);
+            covariance.gemm(1.0, &half, &matrix.transpose(), 1.0);
             covariance[(rate, rate)] += guess.size.powi(2) * (1.0 - fades * fades);
-            matrix
+            &matrix
         });
-        keep(Sample { before, updates, step });
+        if let Some((kept, before)) = kept.as_mut().zip(before) {
+            kept.push(Sample { before, updates, step: step.cloned() });
+        }
     }
     if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY }
 }

@@ -174,8 +174,8 @@ fn habits_are_told_by_hours_days_and_size() {
             - if (day % 3 == 1 && hour == 23) || (day % 3 == 2 && hour == 0) { 0.6 } else { 0.0 }
             + if (day, hour) == (9, 9) { 3.0 } else { 0.0 }
     });
-    let events = events(&hours);
-    let habits = habits(&hours, &events);
+    let events = events(&hours, 1.0);
+    let habits = habits(&hours, 1.0, &events);
     let told: Vec<_> = habits.iter().map(|one| (one.events, one.begins, one.ends, one.hours)).collect();
     assert_eq!(told, [(20, 18, 21, 3), (9, 23, 1, 2)]);
     assert_eq!((habits[0].on_working_days, habits[0].every_days), (1.0, 1.0));
@@ -189,7 +189,7 @@ fn habits_are_told_by_hours_days_and_size() {
     assert!((week[18].rate.unwrap() - 1.2).abs() < 0.06 && week[5 * 24 + 18].rate.unwrap().abs() < 0.06);
     // A month in which nothing stands out has no events but what noise does in some hours.
     let quiet = month(noise);
-    assert!(super::events::events(&quiet).len() < 7, "{:?}", super::events::events(&quiet));
+    assert!(super::events::events(&quiet, 1.0).len() < 7, "{:?}", super::events::events(&quiet, 1.0));
 }
 
 #[test]
