@@ -52,9 +52,6 @@ export async function evidence(chrome, { base }) {
     const at = Date.parse(largest.from);
     holds(Date.parse(shown.get('from')) < at && at < Date.parse(shown.get('to')), page.url());
     await page.getByRole('figure', { name: 'Missing in a mean week' }).locator('svg.chart path').first().waitFor();
-    // A plant is stepped without a filter, and its page says so in place of a chart.
-    await page.goto(`${base}/ui/systems/plant/north/missing`);
-    await page.getByText('What flows unseen cannot be told here').waitFor();
   });
 
   await test(chrome, 'residuals_by_lag_and_by_frequency_are_charts_with_their_numbers', {}, async page => {

@@ -89,6 +89,8 @@ fn a_plant_is_estimated_judged_and_served_as_a_room_is() {
         .unwrap()
         .clone();
     assert!(persistence["comment"].as_str().unwrap().starts_with("the free run errs by"), "{persistence}");
+    let heat = app.get(&format!("/fits/{}/missing-heat", params["fit"].as_str().unwrap()));
+    assert_eq!(heat.problem(422, "invalid-request")["errors"][0]["code"], "no-missing-heat");
     // The states are those of a free run, and say so.
     let state = app.get("/systems/plant/north/state").expect(200).json();
     assert_eq!(

@@ -166,7 +166,7 @@ fn month(rate: impl Fn(usize, usize) -> f64) -> Vec<Hour> {
 
 #[test]
 fn habits_are_told_by_hours_days_and_size() {
-    // Noise that never repeats, 1.2 from 18 to 21 h on working days, a window at midnight on each third day, and
+    // Noise that never repeats, 1.2 from 18 to 21 h on working days, a window at midnight each third day, and
     // one hour like no other.
     let noise = |day: usize, hour: usize| 0.05 * ((day * 24 + hour) as f64 * 2.4).sin();
     let hours = month(|day, hour| {
