@@ -101,7 +101,7 @@ async function mapped(chrome, base) {
     await page.goto(`${base}/ui/systems/room/9/data`);
     const send = async buffer => {
       await page.getByLabel('CSV file').setInputFiles({ name: 'a.csv', mimeType: 'text/csv', buffer: Buffer.from(buffer) });
-      await page.getByText('decimal commas').waitFor();
+      await page.getByText('decimal commas').first().waitFor();
     };
     await send(text(30));
     await page.getByLabel('Channel of Fühler 7').fill('T_room');
