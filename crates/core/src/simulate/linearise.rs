@@ -74,6 +74,11 @@ pub struct Linearisation<'a> {
     observation_drive: Drive,
 }
 
+/// The variances of the process noise, state by state.
+fn variances(noise: &Noise) -> Vec<f64> {
+    noise.process.iter().map(|sigma| sigma * sigma).collect()
+}
+
 impl<'a> Linearisation<'a> {
     /// Differentiates the equations by everything that enters them.
     pub fn new(model: &'a Model, inputs: &'a Inputs, theta: &'a [f64]) -> Self {
@@ -118,11 +123,12 @@ impl<'a> Linearisation<'a> {
         noise: &Noise,
         brake: &Brake,
     ) -> Option<Vec<LinearStep>> {
+        let q = variances(noise);
         let mut steps: Vec<LinearStep> = Vec::new();
         let mut drives = Vec::new();
         for k in samples {
             let start = steps.last().map_or(states, |step| &step.next).to_vec();
-            steps.push(self.step_from(k, start, noise, FINEST, brake, &mut drives)?);
+            steps.push(self.step_from(k, start, &q, FINEST, brake, &mut drives)?);
         }
         Some(steps)
     }
@@ -135,8 +141,9 @@ impl<'a> Linearisation<'a> {
         noise: &Noise,
         brake: &Brake,
     ) -> Option<Vec<LinearStep>> {
+        let q = variances(noise);
         let mut drives = Vec::new();
-        samples.map(|(k, start)| self.step_from(k, start.to_vec(), noise, 2, brake, &mut drives)).collect()
+        samples.map(|(k, start)| self.step_from(k, start.to_vec(), &q, 2, brake, &mut drives)).collect()
     }
 
     /// The step from a sample to the next, in at most so many stretches. `drives` are what divisions of a
@@ -145,17 +152,16 @@ impl<'a> Linearisation<'a> {
         &self,
         k: usize,
         start: Vec<f64>,
-        noise: &Noise,
+        q: &[f64],
         finest: usize,
         brake: &Brake,
         drives: &mut Vec<Drive>,
     ) -> Option<LinearStep> {
-        let q: Vec<f64> = noise.process.iter().map(|sigma| sigma * sigma).collect();
         let mut divided = |level: usize| {
             if drives.len() == level {
                 drives.push(Drive::new(&self.field, self.inputs, 2 << level));
             }
-            self.divided(&drives[level], k, 1 << level, &start, &q, brake)
+            self.divided(&drives[level], k, 1 << level, &start, q, brake)
         };
         let mut coarse = divided(0)?;
         let mut best: Option<Flow> = None;

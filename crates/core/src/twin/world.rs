@@ -197,7 +197,8 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         heat.chunks(per_sample).map(|steps| steps.iter().sum::<f64>() / steps.len() as f64).collect()
     };
     let household = by_sample(&|k| room.heat[k]);
-    let hidden_heat = by_sample(&|k| room.gain(states[k][0], k, 0.5, &hidden));
+    let air = |k: usize, hidden: &[Hidden]| room.slope(&states[k], k, 0.5, hidden)[0];
+    let hidden_heat = by_sample(&|k| air(k, &hidden) - air(k, &[]));
     let parameters = room.rates.parameters();
     Ok(World { csv, neighbours, truth, parameters, household, hidden_heat })
 }
@@ -292,18 +293,25 @@ impl Room {
         let (out, mut forward) = (line(&climate.out), line(&climate.forward));
         let mut flow = 1.0 / (1.0 + (rates.k * (room - rates.t_set)).exp());
         let sun = climate.sun(k) + part * (climate.sun(k + 1) - climate.sun(k));
-        let gain = self.heat[k] + self.gain(room, k, part, hidden);
-        let (mut wall_gain, mut emitted, mut lag) = (0.0, 1.0, 1.0);
+        let (mut gain, mut wall_gain, mut emitted, mut lag) = (self.heat[k], 0.0, 1.0, 1.0);
         for Hidden { kind, strength, shape } in hidden {
             let (c, shape) = (*strength, shape[k]);
             match kind {
+                Kind::Wind => gain += c * line(&climate.wind) * (out - room),
+                Kind::Window => gain += c * shape * (out - room),
+                Kind::Door(n) => gain += c * shape * (line(&climate.neighbours[*n]) - room),
+                Kind::Outdoor => gain += c * (out - room),
+                Kind::People | Kind::Facade(_) | Kind::Constant | Kind::Stove | Kind::Laundry => {
+                    gain += c * shape
+                }
+                Kind::Metered => gain += c * climate.power[k],
                 Kind::Sky => wall_gain -= c * shape,
                 Kind::Wall => wall_gain += c * shape,
                 Kind::Exponent => emitted = (((floor - room).powi(2) + 0.0625) / 16.0).powf(c / 2.0),
                 Kind::Setback => flow *= 1.0 - c * shape,
                 Kind::Delay => forward = climate.forward[k.saturating_sub((c / HOURS) as usize)],
                 Kind::Lag => lag = 1.0 / c.max(0.05),
-                _ => {}
+                Kind::Drift => {}
             }
         }
         let emitted = rates.h * (floor - room) * emitted;
@@ -326,26 +334,6 @@ impl Room {
         }
         slope[5] = lag * (room - sensor);
         slope
-    }
-
-    /// The heat of the hidden effects as it flows into the room air at this temperature, in K/h.
-    fn gain(&self, room: f64, k: usize, part: f64, hidden: &[Hidden]) -> f64 {
-        let climate = &self.climate;
-        let line = |series: &[f64]| series[k] + part * (series[k + 1] - series[k]);
-        let out = line(&climate.out);
-        let of = |Hidden { kind, strength, shape }: &Hidden| {
-            strength
-                * match kind {
-                    Kind::Wind => line(&climate.wind) * (out - room),
-                    Kind::Window => shape[k] * (out - room),
-                    Kind::Door(n) => shape[k] * (line(&climate.neighbours[*n]) - room),
-                    Kind::Outdoor => out - room,
-                    Kind::People | Kind::Facade(_) | Kind::Constant | Kind::Stove | Kind::Laundry => shape[k],
-                    Kind::Metered => climate.power[k],
-                    _ => 0.0,
-                }
-        };
-        hidden.iter().map(of).sum()
     }
 
     /// The effect with the strength that moves the room by `wanted` K (standard deviation), or the strongest
