@@ -2,6 +2,7 @@
 
 use super::climate::{Climate, NEIGHBOURS, STEPS_PER_DAY};
 use super::dice::Dice;
+use super::measured::{MEASURED, MoreSeries, lagged};
 use crate::fault::{Fault, nearest};
 
 /// An effect of the truth.
@@ -27,6 +28,18 @@ pub enum Kind {
     Stove,
     /// Not in the catalogue: laundry that is hung up piece by piece on some days, dries, and takes heat.
     Laundry,
+    /// Not in the catalogue, as all that follow: air that is exchanged the more, the more people have breathed.
+    Ventilation,
+    /// Blinds that close in the sun above this temperature of the room.
+    Blinds(f64),
+    /// A fan that runs at the same hours of every working day.
+    Fan,
+    /// Rain that cools the roof, felt later.
+    Rain,
+    /// Heat of the flat next door, felt later.
+    NextDoor,
+    /// A heater whose meter counts a stand-by that warms nothing here.
+    Heater,
 }
 
 /// The effects of the catalogue that a twin can hide, families without their argument.
@@ -52,7 +65,7 @@ pub const STRANGE: [&str; 2] = ["stove", "laundry"];
 
 /// All names that a twin can hide.
 pub fn names() -> impl Iterator<Item = &'static str> {
-    CATALOGUED.into_iter().chain(STRANGE)
+    CATALOGUED.into_iter().chain(STRANGE).chain(MEASURED)
 }
 
 /// A hidden effect at work.
@@ -111,11 +124,17 @@ impl Kind {
             "constant_gain" => Kind::Constant,
             "stove" => Kind::Stove,
             "laundry" => Kind::Laundry,
+            "co2_ventilation" => Kind::Ventilation,
+            "blinds" => Kind::Blinds(dice.between(23.0, 24.5)),
+            "fan" => Kind::Fan,
+            "rain" => Kind::Rain,
+            "next_door" => Kind::NextDoor,
+            "heater" => Kind::Heater,
             _ => return Err(unknown()),
         })
     }
 
-    /// The name of the catalogue's effect that comes closest; the last two are in no catalogue.
+    /// The name of the catalogue's effect that comes closest, or its own where it is in no catalogue.
     pub fn id(self) -> String {
         match self {
             Kind::Wind => "wind_infiltration",
@@ -137,13 +156,20 @@ impl Kind {
             Kind::Constant => "constant_gain",
             Kind::Stove => "stove",
             Kind::Laundry => "laundry",
+            Kind::Ventilation => "co2_ventilation",
+            Kind::Blinds(_) => "blinds",
+            Kind::Fan => "fan",
+            Kind::Rain => "rain",
+            Kind::NextDoor => "next_door",
+            Kind::Heater => "heater",
         }
         .to_owned()
     }
 
     /// Whether the catalogue has it.
     pub fn in_catalogue(self) -> bool {
-        !matches!(self, Kind::Stove | Kind::Laundry)
+        let id = self.id();
+        !STRANGE.iter().chain(&MEASURED).any(|strange| *strange == id)
     }
 
     /// The largest strength that physics allows.
@@ -160,7 +186,12 @@ impl Kind {
             Kind::Drift => 0.3,
             Kind::Setback => 1.0,
             Kind::Sky => 2.0,
-            Kind::Stove | Kind::Laundry => 6.0,
+            Kind::Stove | Kind::Laundry | Kind::Heater => 6.0,
+            Kind::Ventilation => 0.5,
+            Kind::Blinds(_) => 1.0,
+            Kind::Fan => 2.0,
+            Kind::Rain => 3.0,
+            Kind::NextDoor => 4.0,
         }
     }
 
@@ -170,7 +201,7 @@ impl Kind {
     }
 
     /// When it works, and how much.
-    pub fn shape(self, dice: &mut Dice, climate: &Climate) -> Vec<f64> {
+    pub fn shape(self, dice: &mut Dice, climate: &Climate, more: Option<&MoreSeries>) -> Vec<f64> {
         let steps = climate.hour.len();
         let mut shape = vec![0.0; steps];
         let days = steps / STEPS_PER_DAY + 1;
@@ -256,7 +287,26 @@ impl Kind {
                 }
             }
             Kind::Sky => shape = climate.cloud.iter().map(|cloud| (1.0 - cloud).powf(1.2)).collect(),
-            Kind::Wall => {
+            Kind::Fan => {
+                let (from, to) = (dice.between(6.0, 10.0), dice.between(14.0, 19.0));
+                for (step, value) in shape.iter_mut().enumerate() {
+                    let runs = climate.weekday[step] < 5.5 && (from..to).contains(&climate.hour[step]);
+                    *value = f64::from(runs);
+                }
+            }
+            Kind::Ventilation | Kind::Rain | Kind::NextDoor | Kind::Heater => {
+                let Some(more) = more else { return shape };
+                let above = |series: &[f64], least: f64, unit: f64| -> Vec<f64> {
+                    series.iter().map(|value| (value - least).max(0.0) / unit).collect()
+                };
+                shape = match self {
+                    Kind::Ventilation => above(&more.co2, dice.between(550.0, 750.0), 100.0),
+                    Kind::Heater => above(&more.heater, dice.between(0.2, 0.5), 1.0),
+                    Kind::NextDoor => lagged(&more.next_door, dice.between(1.0, 4.0)),
+                    _ => lagged(&more.rain, dice.between(1.0, 3.0)).iter().map(|wet| -wet).collect(),
+                };
+            }
+            Kind::Wall | Kind::Blinds(_) => {
                 for (step, value) in shape.iter_mut().enumerate() {
                     *value = climate.sun(step);
                 }

@@ -11,6 +11,7 @@ mod dice;
 pub mod heated;
 mod hidden;
 pub mod house;
+mod measured;
 pub mod noisy;
 pub mod plant;
 pub mod plant_world;
@@ -20,6 +21,7 @@ pub mod world;
 
 pub use hidden::{CATALOGUED, STRANGE};
 pub use house::{HouseRequest, HouseTwin, RoomTruth, house};
+pub use measured::MEASURED;
 pub use noisy::{NoisyTwin, noisy};
 pub use plant::{PlantRequest, PlantTwin, plant};
 pub use room::{RoomTwin, room};

@@ -4,6 +4,7 @@
 use super::climate::{Climate, NEIGHBOURS, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
 use super::hidden::{Hidden, Kind};
+use super::measured::{MEASURED, MoreSeries};
 use crate::data::rfc3339;
 use crate::data::{DAY, MINUTE, SECOND};
 use crate::fault::Fault;
@@ -18,6 +19,10 @@ const START: i64 = 1_768_176_000 * SECOND;
 const QUANTUM: f64 = 0.1;
 /// Deviation of the sensor's noise in K.
 const SENSOR_NOISE: f64 = 0.05;
+/// Blinds close over some tenths of a kelvin.
+const BLINDS: f64 = 0.1;
+/// What is measured beyond has another seed, that differs by this.
+const MORE: u64 = 0x6d6f_7265;
 /// How far ahead it is asked what the hidden effects do, in hours.
 const AHEAD_HOURS: f64 = 12.0;
 /// Hours of a step.
@@ -46,10 +51,12 @@ pub struct WorldRequest {
     pub days: usize,
     /// Minutes between samples, a multiple of three.
     pub step_minutes: usize,
+    /// Whether air, rain and two more meters are measured as well.
+    pub more: bool,
 }
 
 impl WorldRequest {
-    /// Four weeks of quarter hours.
+    /// Four weeks of quarter hours; more is measured where a hidden effect follows from it.
     pub fn new(seed: u64, effects: &[&str], level: Level) -> Self {
         Self {
             seed,
@@ -57,6 +64,7 @@ impl WorldRequest {
             level,
             days: 28,
             step_minutes: 15,
+            more: effects.iter().any(|effect| MEASURED.contains(effect)),
         }
     }
 }
@@ -116,6 +124,7 @@ struct Room {
     rates: Rates,
     level: Level,
     climate: Climate,
+    more: Option<MoreSeries>,
     /// Household heat in K/h per step.
     heat: Vec<f64>,
 }
@@ -154,13 +163,21 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let household_heat = dice.between(0.02, 0.10);
     let memory = dice.between(0.5, 3.0) / HOURS;
     let heat = dice.wander(steps, household_heat, memory);
-    let room = Room { rates: rates(&mut dice), level: request.level, climate, heat };
+    // What is drawn beyond has dice of its own, so that all else is the same with it and without.
+    let mut others = Dice::new(request.seed ^ MORE);
+    let more = request.more.then(|| MoreSeries::new(&mut others, &climate));
+    let mut rates = rates(&mut dice);
+    if request.effects.iter().any(|effect| effect == "blinds") {
+        // Blinds are where the sun is too much.
+        rates.s = others.log_between(3.0, 8.0);
+    }
+    let room = Room { rates, level: request.level, climate, more, heat };
     let bare = shown(&room.states(&[]), &[]);
     let mut hidden = Vec::new();
     let mut effects = Vec::new();
     for name in &request.effects {
         let kind = Kind::named(name, &mut dice)?;
-        let shape = kind.shape(&mut dice, &room.climate);
+        let shape = kind.shape(&mut dice, &room.climate, room.more.as_ref());
         let sign = if kind.two_sided() && dice.uniform() < 0.5 { -1.0 } else { 1.0 };
         let (effect, moves) = room.sized(
             Hidden { kind, strength: sign * kind.strongest(), shape },
@@ -179,7 +196,7 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let measured = shown(&states, &hidden);
     let contact =
         hidden.iter().find(|effect| effect.kind == Kind::Window).filter(|_| dice.uniform() < 0.5).cloned();
-    let csv = write(&room.climate, &measured, request, contact.as_ref(), &mut dice);
+    let csv = write(&room, &measured, request, contact.as_ref(), &mut dice);
     let neighbours = (1..=NEIGHBOURS).map(|n| n.to_string()).collect();
     let ahead = room.ahead(&states, &hidden, request.step_minutes / STEP_MINUTES);
     let truth = Truth {
@@ -298,12 +315,18 @@ impl Room {
             let (c, shape) = (*strength, shape[k]);
             match kind {
                 Kind::Wind => gain += c * line(&climate.wind) * (out - room),
-                Kind::Window => gain += c * shape * (out - room),
+                Kind::Window | Kind::Ventilation | Kind::Fan => gain += c * shape * (out - room),
+                Kind::Blinds(above) => gain -= c * rates.s * shape / (1.0 + (-(room - above) / BLINDS).exp()),
                 Kind::Door(n) => gain += c * shape * (line(&climate.neighbours[*n]) - room),
                 Kind::Outdoor => gain += c * (out - room),
-                Kind::People | Kind::Facade(_) | Kind::Constant | Kind::Stove | Kind::Laundry => {
-                    gain += c * shape
-                }
+                Kind::People
+                | Kind::Facade(_)
+                | Kind::Constant
+                | Kind::Stove
+                | Kind::Laundry
+                | Kind::Rain
+                | Kind::NextDoor
+                | Kind::Heater => gain += c * shape,
                 Kind::Metered => gain += c * climate.power[k],
                 Kind::Sky => wall_gain -= c * shape,
                 Kind::Wall => wall_gain += c * shape,
@@ -387,12 +410,13 @@ fn deviation(values: &[f64]) -> f64 {
 
 /// The measurements as a logger writes them: noise, rounding, gaps.
 fn write(
-    climate: &Climate,
+    room: &Room,
     shown: &[f64],
     request: &WorldRequest,
     contact: Option<&Hidden>,
     dice: &mut Dice,
 ) -> String {
+    let (climate, more) = (&room.climate, room.more.as_ref());
     let first = WARM_UP_DAYS * STEPS_PER_DAY;
     let per_sample = request.step_minutes / STEP_MINUTES;
     let samples = (shown.len() - 1 - first) / per_sample + 1;
@@ -409,6 +433,9 @@ fn write(
         let _ = write!(csv, ",T_room_{n}");
     }
     csv.push_str(",hour_of_day[h],weekday");
+    if more.is_some() {
+        csv.push_str(",CO2[ppm],rain[mm/h],P_next_door,P_heater");
+    }
     csv.push_str(if contact.is_some() { ",window_open\n" } else { "\n" });
     for sample in 0..samples {
         let k = first + sample * per_sample;
@@ -429,6 +456,10 @@ fn write(
             let _ = write!(csv, ",{:.2}", neighbour[k] + SENSOR_NOISE * dice.normal());
         }
         let _ = write!(csv, ",{:.4},{}", climate.hour[k], climate.weekday[k]);
+        if let Some(MoreSeries { co2, rain, next_door, heater }) = more {
+            let _ = write!(csv, ",{:.0},{:.2}", co2[k], held(rain));
+            let _ = write!(csv, ",{:.3},{:.3}", held(next_door), held(heater));
+        }
         if let Some(contact) = contact {
             let _ = write!(csv, ",{:.2}", held(&contact.shape));
         }
