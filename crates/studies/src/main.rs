@@ -20,6 +20,7 @@ mod page;
 mod params;
 mod plant;
 mod plant_worlds;
+mod proposals;
 mod quantile;
 mod real;
 mod record;
@@ -64,6 +65,8 @@ enum Study {
     Diagnose(Worlds),
     /// Whether what is missing hour by hour holds what was hidden, on synthetic rooms of three weeks.
     MissingHeat(Worlds),
+    /// Whether the terms that are proposed are what was hidden, on synthetic rooms of four weeks.
+    Proposals(Worlds),
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
     /// days.
     Real(real::Arguments),
@@ -104,6 +107,7 @@ impl Study {
             Self::Room(asked) => ("room", Some(asked.first.seed)),
             Self::Diagnose(asked) => ("diagnose", Some(asked.first.seed)),
             Self::MissingHeat(asked) => ("missing-heat", Some(asked.first.seed)),
+            Self::Proposals(asked) => ("proposals", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
@@ -186,6 +190,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::Bands(asked) => real::bands::run(asked)?,
         Study::Diagnose(asked) => diagnose::run(asked)?,
         Study::MissingHeat(asked) => missing_heat::run(asked)?,
+        Study::Proposals(asked) => proposals::run(asked)?,
         Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };
     if as_json {

@@ -13,9 +13,10 @@
 //! writes the finding; `course` tells how far that has come, `size`
 //! how large a finding is. `present` asks whether a window still shows what the model has already, `ledger`
 //! adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left
-//! by hour of the day, `missing_heat` what flows unseen at every hour, `evidence` lays the error beside an
+//! by hour of the day, `missing_heat` what flows unseen at every hour, `proposals` which term of what was
+//! measured explains it, `evidence` lays the error beside an
 //! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests.
-//! `lampyris bench diagnose`, `real` and `missing-heat` measure all of it, on synthetic rooms and real ones.
+//! `lampyris bench diagnose`, `real`, `missing-heat` and `proposals` measure all of it, on synthetic rooms and real ones.
 
 mod acceptance;
 mod chosen;
@@ -35,6 +36,7 @@ mod naming;
 pub mod nested;
 pub mod null_model;
 mod present;
+pub mod proposals;
 mod refit;
 pub mod report;
 pub mod residual;

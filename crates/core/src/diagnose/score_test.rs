@@ -85,9 +85,20 @@ impl<'a> Look<'a> {
             return None;
         }
         let settled = settle(base, &segments, theta, &segments.starts(base, theta), halt)?;
-        // Once more from the starts that belong to these parameters.
-        let starts = settled.linear.starts;
-        let mut linear = segments.linearise(base, base.simulator(), &settled.theta, &starts)?;
+        Self::at(base, samples, hours, &settled.theta, settled.linear.starts)
+    }
+
+    /// A model on segments of some samples with these parameters and the states at the segments' starts that
+    /// belong to them. `None` as [`Look::new`].
+    pub(super) fn at(
+        base: &'a Problem,
+        samples: Range<usize>,
+        hours: f64,
+        theta: &[f64],
+        starts: Vec<Vec<f64>>,
+    ) -> Option<Self> {
+        let segments = Segments::new(base, samples.clone(), hours)?;
+        let mut linear = segments.linearise(base, base.simulator(), theta, &starts)?;
         linear.starts = starts;
         let grid = base.grid();
         let profile = segments.by_clock(&linear, grid.step_hours(), |k| hour_of_day(grid, k));
@@ -104,7 +115,7 @@ impl<'a> Look<'a> {
         let halves =
             [Known::new(own.clone(), Some(first), &linear)?, Known::new(own.clone(), Some(second), &linear)?];
         let (model, clock) = (Known::new(own, None, &linear)?, Known::new(both, None, &linear)?);
-        Some(Self { base, hours, segments, theta: settled.theta, linear, model, clock, halves })
+        Some(Self { base, hours, segments, theta: theta.to_vec(), linear, model, clock, halves })
     }
 
     /// What is left of the change that a candidate makes at these parameters of its own, and of the residual,
@@ -164,9 +175,18 @@ impl<'a> Look<'a> {
         if raw.iter().flatten().any(|value| !value.is_finite()) {
             return None;
         }
+        self.score_changes(raw, &|value| sign_allows(candidate.spec.sign, value))
+    }
+
+    /// Scores what the outputs change by, row by row, for each unit of some parameters whose values are
+    /// allowed or not. `None` where the model's own parameters imitate it, or where the days are too few.
+    pub(super) fn score_changes(
+        &self,
+        raw: Vec<Vec<f64>>,
+        allows: &dyn Fn(f64) -> bool,
+    ) -> Option<SegmentScore> {
         let own: Vec<Vec<f64>> =
             raw.into_iter().map(|column| self.segments.without_starts(&self.linear, column)).collect();
-        let allows = |value: f64| sign_allows(candidate.spec.sign, value);
         let signed = |size: &[f64], t: f64| {
             if size.iter().any(|value| *value != 0.0 && allows(*value)) { t } else { -t }
         };
@@ -179,16 +199,16 @@ impl<'a> Look<'a> {
         {
             return None;
         }
-        let (size, direction) = regress(&self.model.residual, &directions, &allows, None)?;
+        let (size, direction) = regress(&self.model.residual, &directions, allows, None)?;
         let explained = self.segments.explained(&self.model.residual, &direction)?;
-        let beyond = regress(&self.clock.residual, &self.clock.all(&own), &allows, None).and_then(
+        let beyond = regress(&self.clock.residual, &self.clock.all(&own), allows, None).and_then(
             |(size, direction)| {
                 Some(signed(&size, self.segments.explained(&self.clock.residual, &direction)?.t))
             },
         );
         let (mut without, mut with) = (0.0, 0.0);
         for half in &self.halves {
-            let (_, direction) = regress(&half.residual, &half.all(&own), &allows, half.rows.as_deref())?;
+            let (_, direction) = regress(&half.residual, &half.all(&own), allows, half.rows.as_deref())?;
             let unseen = half.rows.iter().flatten().enumerate().filter(|(_, learnt)| !**learnt);
             for (row, _) in unseen {
                 without += half.residual[row].powi(2);
@@ -204,6 +224,56 @@ impl<'a> Look<'a> {
             size,
             direction,
         })
+    }
+}
+
+/// What the search for terms that no catalogue has asks of it.
+impl Look<'_> {
+    /// The parameters of the settled model.
+    pub(super) fn theta(&self) -> &[f64] {
+        &self.theta
+    }
+
+    /// Samples, rows and the states at the start of every segment.
+    pub(super) fn pieces(&self) -> impl Iterator<Item = (Range<usize>, Range<usize>, &[f64])> {
+        let starts = self.linear.starts.iter().map(Vec::as_slice);
+        self.segments.pieces().zip(starts).map(|((piece, rows), start)| (piece, rows, start))
+    }
+
+    /// The output and the sample of every row.
+    pub(super) fn rows(&self) -> impl Iterator<Item = (usize, usize)> {
+        self.segments.rows()
+    }
+
+    /// What starts and the model's own parameters leave of the error.
+    pub(super) fn residual(&self) -> &[f64] {
+        &self.model.residual
+    }
+
+    /// The error along the segments, without what starts make of it.
+    pub(super) fn left(&self) -> &[f64] {
+        &self.linear.residual
+    }
+
+    /// The states at the segments' starts.
+    pub(super) fn starts(&self) -> &[Vec<f64>] {
+        &self.linear.starts
+    }
+
+    /// What they leave of a series.
+    pub(super) fn rest(&self, series: Vec<f64>) -> Vec<f64> {
+        self.model.rest(&self.segments.without_starts(&self.linear, series))
+    }
+
+    /// The share of the squared error that a free profile of the day explains.
+    pub(super) fn share_of_clock(&self) -> f64 {
+        let squares = |series: &[f64]| dot(series, series);
+        1.0 - squares(&self.clock.residual) / squares(&self.model.residual).max(f64::MIN_POSITIVE)
+    }
+
+    /// Sums by the days that have rows.
+    pub(super) fn by_day(&self, product: impl Fn(usize) -> f64) -> Vec<f64> {
+        self.segments.by_day(product)
     }
 }
 

@@ -318,7 +318,7 @@ pub struct OutputSpec {
 }
 
 /// A physical effect: what it adds to a model.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Effect)]
 pub struct EffectSpec {

@@ -123,12 +123,37 @@ impl<'a> Linearisation<'a> {
         noise: &Noise,
         brake: &Brake,
     ) -> Option<Vec<LinearStep>> {
-        let q = variances(noise);
-        let mut steps: Vec<LinearStep> = Vec::new();
         let mut drives = Vec::new();
+        self.chained(samples, states, &variances(noise), FINEST, brake, &mut drives)
+    }
+
+    /// The steps of several stretches of samples, each along the trajectory that starts at its first one,
+    /// and each step in two parts: near enough for small changes.
+    pub fn stretches<'s>(
+        &self,
+        stretches: impl Iterator<Item = (Range<usize>, &'s [f64])>,
+        noise: &Noise,
+        brake: &Brake,
+    ) -> Option<Vec<Vec<LinearStep>>> {
+        let q = variances(noise);
+        let mut drives = Vec::new();
+        stretches.map(|(samples, start)| self.chained(samples, start, &q, 2, brake, &mut drives)).collect()
+    }
+
+    /// The steps from each of these samples to the next along one trajectory, each in at most so many parts.
+    fn chained(
+        &self,
+        samples: Range<usize>,
+        states: &[f64],
+        q: &[f64],
+        finest: usize,
+        brake: &Brake,
+        drives: &mut Vec<Drive>,
+    ) -> Option<Vec<LinearStep>> {
+        let mut steps: Vec<LinearStep> = Vec::new();
         for k in samples {
             let start = steps.last().map_or(states, |step| &step.next).to_vec();
-            steps.push(self.step_from(k, start, &q, FINEST, brake, &mut drives)?);
+            steps.push(self.step_from(k, start, q, finest, brake, drives)?);
         }
         Some(steps)
     }

@@ -169,7 +169,7 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let mut rates = rates(&mut dice);
     if request.effects.iter().any(|effect| effect == "blinds") {
         // Blinds are where the sun is too much.
-        rates.s = others.log_between(3.0, 8.0);
+        rates.s = others.log_between(5.0, 12.0);
     }
     let room = Room { rates, level: request.level, climate, more, heat };
     let bare = shown(&room.states(&[]), &[]);

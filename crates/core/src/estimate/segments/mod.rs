@@ -270,6 +270,11 @@ impl Segments {
         self.first_samples().map(|k| states.iter().map(|series| series[k]).collect()).collect()
     }
 
+    /// The samples and the rows of every segment.
+    pub fn pieces(&self) -> impl Iterator<Item = (Range<usize>, Range<usize>)> {
+        self.pieces.iter().cloned().zip(self.of_piece.iter().cloned())
+    }
+
     /// The first sample of every segment.
     pub fn first_samples(&self) -> impl Iterator<Item = usize> {
         self.pieces.iter().map(|piece| piece.start)

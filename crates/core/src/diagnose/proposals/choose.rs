@@ -1,0 +1,303 @@
+//! Which terms are proposed: those that do better than the best of the same search on errors that no channel
+//! has to do with, tried beside parameters of their own, with what cannot be told from them.
+
+use super::search::{Search, TermScore, range};
+use super::settled::{SettledBeside, Trial};
+use super::term::{Memory, Schedule, Subject, Term};
+use crate::diagnose::score_test::{Look, SegmentScore};
+use crate::estimate::segments::dot;
+use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+/// Most proposals.
+const MOST: usize = 3;
+/// Fewer shifts tell nothing of chance.
+pub(super) const LEAST_SHIFTS: usize = 5;
+/// Most kinds of terms that are tried beside parameters that are sought anew, and beside those of the best.
+const KINDS: usize = 8;
+const KINDS_BESIDE: usize = 4;
+/// Of those so many are refined beside parameters of their own.
+const REFINED: usize = 5;
+/// Directions that correlate so much are one thing.
+const ALIKE: f64 = 0.9;
+/// What explains less than this share of the squared error changes it by a fortieth.
+const LEAST_SHARE: f64 = 0.05;
+/// What only reads what the model reads already mends a form that is wrong everywhere as well: more is asked.
+const LEAST_SHARE_OF_MODEL: f64 = 0.08;
+/// Beside its own parameters a term is still as sure as that: some thousands were tried, and of few dozen days
+/// one of ten thousand comes to it by chance.
+const LEAST_T: f64 = 4.5;
+/// A schedule holds on its days: so large is the square of the usual day as a share of that of all days.
+const STEADY: f64 = 0.6;
+/// Of what the hours of the day explain together a schedule explains most.
+const MOST_OF_CLOCK: f64 = 0.6;
+/// A term has to leave this share less for each choice that it is made of.
+const SIMPLER: f64 = 0.03;
+/// Time constants that are tried beside the best, in hours: the longer one is, the less of it the room itself
+/// may take.
+const OTHER_LAGS: [f64; 3] = [0.7, 1.5, 3.0];
+/// Euler's constant, for Gumbel's mean.
+const EULER: f64 = 0.577_215_664_901_532_9;
+
+/// What a search has found.
+pub(super) struct Found {
+    /// At most three, best first.
+    pub best: Vec<Tried>,
+    /// How many terms were scored.
+    pub tried: usize,
+    /// The share that the best of so many explains by chance.
+    pub by_chance: Option<f64>,
+    /// The squares that the model leaves without any.
+    pub left: f64,
+}
+
+/// A term with the parameters that the model has beside it.
+pub(super) struct Tried {
+    pub term: Term,
+    pub size: f64,
+    pub share: f64,
+    pub t: f64,
+    pub confirmed: f64,
+    pub settled: SettledBeside,
+    /// Terms that are the same thing here.
+    pub alike: Vec<Term>,
+}
+
+/// Seeks the terms that explain most of the error of a model.
+pub(super) fn choose(trial: &Trial<'_>, search: &Search<'_>, null: &Look<'_>, rate: f64) -> Found {
+    let scores = search.scores();
+    let bar = Bar::new(search, null, &scores, rate);
+    let left = null.left();
+    let mut found =
+        Found { best: Vec::new(), tried: scores.len(), by_chance: bar.by_chance, left: dot(left, left) };
+    let mut leaders = leaders(search, &bar, &scores, KINDS);
+    if let Some(late) = leaders.iter().find(|term| matches!(term.memory, Memory::Lag(_))).copied() {
+        leaders.extend(OTHER_LAGS.map(|hours| Term { memory: Memory::Lag(hours), ..late }));
+    }
+    let first = tried(trial, search, null, &leaders, true);
+    let Some(best) = first.first() else { return found };
+    // Sought again beside the parameters of the best: where half of it had gone into the model's own, others
+    // have looked better.
+    let mut all: Vec<Tried> = beside(trial, search, &best.settled, |search, look| {
+        let scores = search.scores();
+        let bar = Bar::new(search, look, &scores, rate);
+        tried(trial, search, look, &self::leaders(search, &bar, &scores, KINDS_BESIDE), false)
+    })
+    .unwrap_or_default();
+    all.extend(first);
+    let refined: Vec<Tried> = grouped(trial, search, all, REFINED)
+        .into_iter()
+        .map(|one| {
+            let better = beside(trial, search, &one.settled, |search, look| {
+                tried(trial, search, look, &[refined(search, one.term)], false).pop()
+            });
+            match better.flatten().filter(|better| better.settled.squares <= one.settled.squares) {
+                Some(better) => Tried { alike: one.alike, ..better },
+                None => one,
+            }
+        })
+        .collect();
+    found.best = grouped(trial, search, refined, MOST);
+    found
+}
+
+/// The same search beside other parameters.
+fn beside<T>(
+    trial: &Trial<'_>,
+    search: &Search<'_>,
+    settled: &SettledBeside,
+    work: impl FnOnce(&Search<'_>, &Look<'_>) -> T,
+) -> Option<T> {
+    let look = trial.at(settled)?;
+    let there = Search::new(trial.problem, search.stock, &look, search.into(), trial.halt)?;
+    Some(work(&there, &look))
+}
+
+/// Terms beside parameters of their own, those that leave least first.
+fn tried(trial: &Trial<'_>, search: &Search<'_>, look: &Look<'_>, terms: &[Term], anew: bool) -> Vec<Tried> {
+    let one = |term: &Term| {
+        let score = scored(search, look, term)?;
+        let settled =
+            trial.beside(look.theta(), &search.series(term)?, term.into, *score.size.first()?, anew)?;
+        // How large it is, is known beside these parameters alone.
+        let there = beside(trial, search, &settled, |search, look| scored(search, look, term))??;
+        let (size, share) = (*there.size.first()?, there.share);
+        let (t, confirmed) = (there.t, there.confirmed);
+        // Where it is the parameters alone that have become better, nothing is left for it.
+        let shows = confirmed > 0.0 && share >= LEAST_SHARE && t.abs() >= LEAST_T;
+        shows.then_some(Tried { term: *term, size, share, t, confirmed, settled, alike: Vec::new() })
+    };
+    let mut tried: Vec<Tried> = terms.par_iter().filter_map(one).collect();
+    order(&mut tried);
+    tried
+}
+
+fn scored(search: &Search<'_>, look: &Look<'_>, term: &Term) -> Option<SegmentScore> {
+    look.score_changes(vec![search.raw(term)?], &|_| true)
+}
+
+/// What leaves least first; the simpler of two that leave the same.
+fn order(tried: &mut [Tried]) {
+    let cost = |one: &Tried| one.settled.squares * (1.0 + SIMPLER * one.term.choices() as f64);
+    tried.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+}
+
+/// At most so many that are not alike beside the parameters of the best, each with those that are.
+fn grouped(trial: &Trial<'_>, search: &Search<'_>, mut tried: Vec<Tried>, most: usize) -> Vec<Tried> {
+    order(&mut tried);
+    let Some(best) = tried.first() else { return tried };
+    let direction = |search: &Search<'_>, look: &Look<'_>, term: &Term| {
+        search.raw(term).map(|raw| look.rest(raw)).unwrap_or_default()
+    };
+    let directions: Vec<Vec<f64>> = beside(trial, search, &best.settled, |search, look| {
+        tried.iter().map(|one| direction(search, look, &one.term)).collect()
+    })
+    .unwrap_or_default();
+    let mut groups: Vec<(Tried, Vec<f64>)> = Vec::new();
+    for (one, direction) in tried.into_iter().zip(directions) {
+        let same = |(_, other): &&mut (Tried, Vec<f64>)| likeness(other, &direction).abs() >= ALIKE;
+        match groups.iter_mut().find(same) {
+            Some((group, _)) => {
+                let others = std::iter::once(one.term).chain(one.alike);
+                let new = others.filter(|other| *other != group.term && !group.alike.contains(other));
+                let new: Vec<Term> = new.collect();
+                group.alike.extend(new);
+            }
+            None => groups.push((one, direction)),
+        }
+    }
+    groups.truncate(most);
+    groups.into_iter().map(|(one, _)| one).collect()
+}
+
+/// How much two directions are the same thing: their correlation.
+pub(super) fn likeness(a: &[f64], b: &[f64]) -> f64 {
+    let norm = |direction: &[f64]| dot(direction, direction).sqrt().max(f64::MIN_POSITIVE);
+    dot(a, b) / norm(a) / norm(b)
+}
+
+/// What the terms of a search are judged by.
+struct Bar<'a> {
+    search: &'a Search<'a>,
+    rate: f64,
+    by_chance: Option<f64>,
+    /// How many were tried.
+    terms: f64,
+    /// The share that the hours of the day explain.
+    of_clock: f64,
+}
+
+impl<'a> Bar<'a> {
+    fn new(search: &'a Search<'a>, look: &Look<'_>, scores: &[TermScore], rate: f64) -> Self {
+        let by_chance = by_chance(scores, search.shifts(), rate);
+        Self { search, rate, by_chance, terms: scores.len() as f64, of_clock: look.share_of_clock() }
+    }
+
+    fn passes(&self, score: &TermScore) -> bool {
+        let days = score.days as f64;
+        let seldom = StudentsT::new(0.0, 1.0, days - 1.0)
+            .is_ok_and(|t| 2.0 * t.cdf(-score.t.abs()) * self.terms <= self.rate);
+        let least = match score.term {
+            _ if score.term.is_by_clock() => LEAST_SHARE.max(MOST_OF_CLOCK * self.of_clock),
+            _ if score.term.is_of_the_model(self.search.stock) => LEAST_SHARE_OF_MODEL,
+            _ => LEAST_SHARE,
+        };
+        let told_apart = if score.term.is_by_clock() {
+            score.t * score.t / (score.t * score.t + days) >= STEADY
+        } else {
+            self.by_chance.is_some_and(|by_chance| score.share > by_chance)
+                && score.shifted.iter().all(|shifted| *shifted < score.share)
+        };
+        seldom && told_apart && score.share >= least
+    }
+}
+
+/// The best term of each kind of whatever has passed, with its numbers refined, best first: once a channel
+/// has passed, each of its kinds is worth a try.
+fn leaders(search: &Search<'_>, bar: &Bar<'_>, scores: &[TermScore], most: usize) -> Vec<Term> {
+    let passing: Vec<&TermScore> = scores.iter().filter(|score| bar.passes(score)).collect();
+    let has_passed = |score: &TermScore| passing.iter().any(|one| one.term.reads() == score.term.reads());
+    let worth = |score: &TermScore| score.share * (1.0 - SIMPLER * score.term.choices() as f64);
+    let mut worthy: Vec<&TermScore> =
+        scores.iter().filter(|score| score.share >= LEAST_SHARE && has_passed(score)).collect();
+    worthy.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+    let mut leaders: Vec<&TermScore> = Vec::new();
+    for score in worthy {
+        if leaders.iter().all(|one| one.term.kind() != score.term.kind()) {
+            leaders.push(score);
+        }
+    }
+    leaders.truncate(most);
+    leaders.par_iter().map(|score| refined(search, score.term)).collect()
+}
+
+/// The share that the best of a search explains by chance in a room in which nothing measured has to do with
+/// the error, exceeded with this probability: Gumbel's distribution through the best of every shift, by
+/// moments (Gumbel 1958). `None` without enough shifts.
+fn by_chance(scores: &[TermScore], shifts: usize, rate: f64) -> Option<f64> {
+    if shifts < LEAST_SHIFTS {
+        return None;
+    }
+    let best = |shift: usize| {
+        let reached = scores.iter().filter_map(|score| score.shifted.get(shift));
+        reached.copied().fold(0.0, f64::max)
+    };
+    let best: Vec<f64> = (0..shifts).map(best).collect();
+    let mean = best.iter().sum::<f64>() / shifts as f64;
+    let variance = best.iter().map(|share| (share - mean).powi(2)).sum::<f64>() / (shifts - 1) as f64;
+    let scale = (6.0 * variance).sqrt() / std::f64::consts::PI;
+    Some(mean - EULER * scale - scale * (-(1.0 - rate).ln()).ln())
+}
+
+/// The same term where its threshold, its time constant and its hours explain most: halved steps along each
+/// in turn.
+fn refined(search: &Search<'_>, term: Term) -> Term {
+    let share = |term: &Term| search.share(term).unwrap_or(0.0);
+    let mut best = (term, share(&term));
+    for part in [0.5, 0.25, 0.125] {
+        for neighbour in neighbours(search, &best.0, part) {
+            let share = share(&neighbour);
+            if share > best.1 {
+                best = (neighbour, share);
+            }
+        }
+    }
+    best.0
+}
+
+/// Terms that differ a little.
+fn neighbours(search: &Search<'_>, term: &Term, part: f64) -> Vec<Term> {
+    let mut near = Vec::new();
+    let mut moved = |subject| near.push(Term { subject, ..*term });
+    match term.subject {
+        Subject::Channel(place, form) => {
+            if let Some(at) = form.threshold() {
+                let (low, high) = range(&search.stock.channels[place].values);
+                for step in [-0.15, 0.15] {
+                    let there = at + step * part * (high - low);
+                    if there > low && there < high {
+                        moved(Subject::Channel(place, form.at(there)));
+                    }
+                }
+            }
+        }
+        Subject::Warm(at) => [-1.0, 1.0].iter().for_each(|step| moved(Subject::Warm(at + step * part))),
+        Subject::Hours(schedule) => {
+            for step in [-part, part] {
+                let hour = |hour: f64| (hour + 2.0 * step).rem_euclid(24.0);
+                let (from, to) = (hour(schedule.from), hour(schedule.to));
+                moved(Subject::Hours(Schedule { from, ..schedule }));
+                moved(Subject::Hours(Schedule { to, ..schedule }));
+            }
+        }
+        Subject::Sun(_) => {}
+    }
+    let factors = [1.0 + part, 1.0 / (1.0 + part)];
+    let remembers = |memory| Term { memory, ..*term };
+    match term.memory {
+        Memory::None => {}
+        Memory::Lag(hours) => near.extend(factors.map(|factor| remembers(Memory::Lag(hours * factor)))),
+        Memory::Delay(hours) => near.extend(factors.map(|factor| remembers(Memory::Delay(hours * factor)))),
+    }
+    near
+}

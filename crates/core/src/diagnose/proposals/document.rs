@@ -1,0 +1,344 @@
+//! A term as an effect's document and in words.
+
+use super::stock::{Stock, StockChannel};
+use super::term::{Days, Factor, Form, Memory, Schedule, Subject, Term};
+use crate::data::{CALENDAR, Hold};
+use crate::model::Model;
+use crate::model::catalogue::Catalogue;
+use crate::model::spec::{
+    AS_IT_COMES, EffectSpec, InputHold, InputSpec, Nominal, ParameterSpec, Scale, Sign, StateSpec,
+};
+use crate::model::token::is_name;
+use crate::units::{Unit, error_unit};
+
+/// The effect of the catalogue whose definition of the sun is taken.
+const SUN_OF: &str = "solar_gain";
+/// How much larger and smaller than it was found a size may become.
+const ROOM_FOR_SIZE: f64 = 10.0;
+/// How far a time constant may move, as a factor.
+const ROOM_FOR_LAG: f64 = 5.0;
+
+/// What a term is written with.
+pub(super) struct Writing<'a> {
+    pub stock: &'a Stock,
+    pub catalogue: &'a Catalogue,
+    pub model: &'a Model,
+    /// What the state is called for people.
+    pub place: &'a str,
+    pub term: Term,
+    pub size: f64,
+}
+
+impl Writing<'_> {
+    /// The effect that adds the term, as `POST /effects` takes it.
+    pub fn effect(&self) -> EffectSpec {
+        let id = self.id();
+        let state = &self.model.states()[self.term.into];
+        let mut effect = EffectSpec {
+            title: format!("Proposed: {}", self.subject()),
+            explain: self.sentence(),
+            measure: "what stands behind it: it was found by what it goes with".to_owned(),
+            sign: if self.size > 0.0 { Sign::Positive } else { Sign::Negative },
+            ..EffectSpec::default()
+        };
+        let value = self.value(&mut effect, &id);
+        let size = format!("c_{id}");
+        let unit = self.size_unit();
+        let (low, high) =
+            if self.size > 0.0 { (0.0, ROOM_FOR_SIZE * self.size) } else { (ROOM_FOR_SIZE * self.size, 0.0) };
+        let title = format!("size of what goes with {}", self.subject());
+        effect
+            .parameters
+            .insert(size.clone(), parameter(&unit, [low, high], self.size, Scale::Linear, title));
+        let factor = match self.term.factor {
+            _ if self.term.is_a_difference(self.stock) => String::new(),
+            Factor::One => String::new(),
+            Factor::Outdoors => match self.stock.outdoors.map(|place| &self.stock.channels[place]) {
+                Some(outdoors) => {
+                    let name = self.reads(&mut effect, outdoors);
+                    format!(" * ({name} - {})", state.name)
+                }
+                None => String::new(),
+            },
+            Factor::Sun => {
+                self.with_sun(&mut effect);
+                " * S".to_owned()
+            }
+        };
+        effect.terms.insert(state.name.clone(), format!("{size} * {value}{factor}"));
+        effect.id = id;
+        effect
+    }
+
+    /// What makes the term come and go, as an expression; declares what it is made of.
+    fn value(&self, effect: &mut EffectSpec, id: &str) -> String {
+        let into = &self.model.states()[self.term.into];
+        let (now, channel, form) = match self.term.subject {
+            Subject::Channel(place, form) => {
+                let channel = &self.stock.channels[place];
+                (self.reads(effect, channel), channel, form)
+            }
+            Subject::Sun(form) => {
+                self.with_sun(effect);
+                let Some(sun) = &self.stock.sun else { return "S".to_owned() };
+                ("S".to_owned(), sun, form)
+            }
+            // A step of some tenths of a kelvin, that a search can follow.
+            Subject::Warm(above) => {
+                let unit = error_unit(&into.unit);
+                return format!("(1 / (1 + exp(({above:.2}[{}] - {}) / 0.1[{unit}])))", into.unit, into.name);
+            }
+            Subject::Hours(schedule) => return hours(effect, schedule),
+        };
+        let name = match self.term.memory {
+            Memory::Delay(hours) => format!("delay({now}, {hours:.2}[h])"),
+            _ => now,
+        };
+        let unit = &channel.unit;
+        let threshold = format!("q_{id}");
+        let formed = match form {
+            Form::Plain => name,
+            Form::On(least) => format!("({name} > {}[{unit}])", rounded(least)),
+            Form::Above(at) | Form::Below(at) => {
+                let (low, high) = super::search::range(&channel.values);
+                let title = format!("{} from which on it acts", channel.name);
+                effect
+                    .parameters
+                    .insert(threshold.clone(), parameter(unit, [low, high], at, Scale::Linear, title));
+                match form {
+                    Form::Above(_) => format!("max(0, {name} - {threshold})"),
+                    _ => format!("max(0, {threshold} - {name})"),
+                }
+            }
+        };
+        let Memory::Lag(hours) = self.term.memory else {
+            return if self.term.is_a_difference(self.stock) {
+                format!("({formed} - {})", into.name)
+            } else {
+                formed
+            };
+        };
+        let (late, constant) = (format!("late_{id}"), format!("tau_{id}"));
+        let around = [hours / ROOM_FOR_LAG, hours * ROOM_FOR_LAG];
+        let title = format!("time constant of what {} warms or cools first", channel.name);
+        effect.parameters.insert(constant.clone(), parameter("h", around, hours, Scale::Log, title));
+        let unit = if matches!(form, Form::On(_)) { "-" } else { unit };
+        let begins = channel.values.first().copied().unwrap_or_default();
+        effect.states.insert(
+            late.clone(),
+            StateSpec {
+                unit: unit.to_owned(),
+                initial: rounded(form.of(begins)),
+                title: format!("what has come through of {}", channel.name),
+            },
+        );
+        effect.terms.insert(late.clone(), format!("({formed} - {late}) / {constant}"));
+        if self.term.is_a_difference(self.stock) { format!("({late} - {})", into.name) } else { late }
+    }
+
+    /// Declares a channel as an input; gives its name in the equations.
+    fn reads(&self, effect: &mut EffectSpec, channel: &StockChannel) -> String {
+        let known = Unit::parse(&channel.unit).is_ok();
+        let name = if is_name(&channel.name) { channel.name.clone() } else { plain(&channel.name) };
+        let hold = match channel.hold {
+            Hold::Linear => InputHold::Linear,
+            Hold::ZeroOrder => InputHold::ZeroOrder,
+        };
+        let input = InputSpec {
+            unit: if known { channel.unit.clone() } else { AS_IT_COMES.to_owned() },
+            hold,
+            channel: (name != channel.name).then(|| channel.name.clone()),
+            min: None,
+            may_be_constant: false,
+        };
+        effect.inputs.insert(name.clone(), input);
+        name
+    }
+
+    /// Declares the sun as the catalogue's own effect does.
+    fn with_sun(&self, effect: &mut EffectSpec) {
+        if let Ok(sun) = self.catalogue.effect(SUN_OF) {
+            effect.inputs.extend(sun.inputs);
+            effect.define.extend(sun.define);
+        }
+    }
+
+    /// The unit of the size.
+    pub fn size_unit(&self) -> String {
+        let state = error_unit(&self.model.states()[self.term.into].unit);
+        let is_rate = self.term.is_a_difference(self.stock) || self.term.factor == Factor::Outdoors;
+        let flow = if is_rate { "1/h".to_owned() } else { format!("{state}/h") };
+        let per = match self.term.subject {
+            Subject::Channel(place, form) if !matches!(form, Form::On(_)) => {
+                let channel = &self.stock.channels[place];
+                (!self.term.is_a_difference(self.stock)).then(|| error_unit(&channel.unit))
+            }
+            _ => None,
+        };
+        match per {
+            Some(unit) if unit != "-" && Unit::parse(unit).is_ok() => format!("{flow} per {unit}"),
+            _ => flow,
+        }
+    }
+
+    /// `proposed_` and what it goes with.
+    fn id(&self) -> String {
+        let what = match self.term.subject {
+            Subject::Channel(place, form) => {
+                let name = plain(&self.stock.channels[place].name);
+                let form = match form {
+                    Form::Plain => "",
+                    Form::Above(_) => "_above",
+                    Form::Below(_) => "_below",
+                    Form::On(_) => "_on",
+                };
+                format!("{name}{form}")
+            }
+            Subject::Sun(_) => "sun".to_owned(),
+            Subject::Warm(_) => "warm".to_owned(),
+            Subject::Hours(schedule) => {
+                let days = match schedule.days {
+                    Days::All => "daily",
+                    Days::Working => "working_days",
+                    Days::Weekend => "weekends",
+                };
+                format!("{days}_{:.0}_{:.0}", schedule.from, schedule.to)
+            }
+        };
+        let factor = match self.term.factor {
+            Factor::One => "",
+            Factor::Outdoors => "_outdoors",
+            Factor::Sun => "_sun",
+        };
+        let memory = match self.term.memory {
+            Memory::None => "",
+            Memory::Lag(_) => "_late",
+            Memory::Delay(_) => "_delayed",
+        };
+        let mut what: String = what.chars().take(30).collect();
+        what.push_str(factor);
+        what.push_str(memory);
+        format!("proposed_{what}")
+    }
+
+    /// What it is made of, as a short title.
+    pub fn subject(&self) -> String {
+        let subject = match self.term.subject {
+            Subject::Channel(place, form) => {
+                let StockChannel { name, unit, .. } = &self.stock.channels[place];
+                let unit = if unit == "-" { String::new() } else { format!(" {unit}") };
+                match form {
+                    Form::Plain => name.clone(),
+                    Form::Above(at) | Form::On(at) => format!("{name} above {}{unit}", rounded(at)),
+                    Form::Below(at) => format!("{name} below {}{unit}", rounded(at)),
+                }
+            }
+            Subject::Sun(_) => "the sun".to_owned(),
+            Subject::Warm(above) => {
+                let state = &self.model.states()[self.term.into];
+                format!("{} above {above:.1} {}", state.name, state.unit)
+            }
+            Subject::Hours(Schedule { from, to, days }) => {
+                let days = match days {
+                    Days::All => "every day",
+                    Days::Working => "working days",
+                    Days::Weekend => "weekends",
+                };
+                format!("{days}, {} to {} h", clock(from), clock(to))
+            }
+        };
+        match self.term.memory {
+            Memory::None => subject,
+            Memory::Lag(hours) => format!("{subject}, felt through a lag of about {hours:.1} h"),
+            Memory::Delay(hours) => format!("{subject}, {hours:.1} h later"),
+        }
+    }
+
+    /// What it does, for an operator.
+    pub fn sentence(&self) -> String {
+        let (place, subject) = (self.place, self.subject());
+        if self.term.is_a_difference(self.stock) {
+            return format!("Heat flows between {subject} and the {place}, by their difference.");
+        }
+        let what = match (self.term.factor, self.size > 0.0) {
+            (Factor::Outdoors, true) => format!("Air is exchanged between the outdoors and the {place}"),
+            (Factor::Outdoors, false) => {
+                format!("Less is exchanged between the outdoors and the {place} than the model knows")
+            }
+            (Factor::Sun, true) => format!("The sun warms the {place} more than the model knows"),
+            (Factor::Sun, false) => format!("Less sun comes to the {place} than the model knows"),
+            (Factor::One, true) => format!("The {place} is warmed"),
+            (Factor::One, false) => format!("The {place} is cooled"),
+        };
+        match self.term.subject {
+            Subject::Hours(_) => format!("{what} at the same hours: {subject}."),
+            Subject::Warm(_) | Subject::Channel(_, Form::On(_)) => format!("{what}: {subject}."),
+            _ => format!("{what}, in proportion to {subject}."),
+        }
+    }
+}
+
+/// Declares the clock; gives 1 at these hours and 0 at others.
+fn hours(effect: &mut EffectSpec, schedule: Schedule) -> String {
+    let [hour, weekday] = CALENDAR;
+    let input = |unit: &str| InputSpec {
+        unit: unit.to_owned(),
+        hold: InputHold::ZeroOrder,
+        channel: None,
+        min: Some(0.0),
+        may_be_constant: false,
+    };
+    effect.inputs.insert(hour.to_owned(), input("h"));
+    let Schedule { from, to, days } = schedule;
+    let both = [format!("{hour} >= {from:.2}[h]"), format!("{hour} < {to:.2}[h]")];
+    let joins = if from < to { "min" } else { "max" };
+    let now = format!("{joins}({}, {})", both[0], both[1]);
+    let day = match days {
+        Days::All => return now,
+        Days::Working => format!("({weekday} < 5.5)"),
+        Days::Weekend => format!("({weekday} > 5.5)"),
+    };
+    effect.inputs.insert(weekday.to_owned(), input("-"));
+    format!("{day} * {now}")
+}
+
+fn parameter(
+    unit: &str,
+    [lower, upper]: [f64; 2],
+    nominal: f64,
+    scale: Scale,
+    title: String,
+) -> ParameterSpec {
+    ParameterSpec {
+        unit: unit.to_owned(),
+        lower,
+        upper,
+        scale,
+        nominal: Nominal::Value(nominal.clamp(lower, upper)),
+        quantity: String::new(),
+        title,
+        excite: None,
+    }
+}
+
+/// Three digits.
+fn rounded(value: f64) -> String {
+    let digits = (2 - value.abs().max(1e-9).log10().floor() as i32).clamp(0, 9) as usize;
+    format!("{value:.digits$}")
+}
+
+/// Hours and minutes.
+fn clock(hour: f64) -> String {
+    let minutes = (hour * 60.0).round() as u32;
+    if minutes.is_multiple_of(60) {
+        format!("{}", minutes / 60)
+    } else {
+        format!("{}:{:02}", minutes / 60, minutes % 60)
+    }
+}
+
+/// A name as it may stand in an equation.
+fn plain(name: &str) -> String {
+    let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    if name.starts_with(|c: char| c.is_ascii_digit()) { format!("x{name}") } else { name }
+}

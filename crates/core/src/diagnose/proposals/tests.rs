@@ -1,0 +1,124 @@
+//! The search, its parts and its documents, on synthetic rooms.
+
+use super::response::Responses;
+use super::search::Search;
+use super::stock::Stock;
+use super::term::{Days, Factor, Form, Memory, Schedule, Subject, Term};
+use super::{Proposals, ProposalsAsked, propose_knowing};
+use crate::data::{ColumnBindings, SplitRequest, Window};
+use crate::diagnose::library::EffectSource;
+use crate::diagnose::score_test::{Look, RANKING_HOURS};
+use crate::diagnose::tests::site;
+use crate::estimate::problem::widen::widen;
+use crate::estimate::{Control, EstimateRequest, Problem, estimate, prepare};
+use crate::model::Catalogue;
+use crate::model::spec::EffectSpec;
+use crate::twin::{Level, WorldRequest, world};
+
+/// A room in which more is measured than the model needs, and its fit.
+fn fitted(seed: u64, hidden: &[&str]) -> (Window, Problem, Vec<f64>, Vec<f64>) {
+    let request = WorldRequest { more: true, ..WorldRequest::new(seed, hidden, Level::Matched) };
+    let made = world(&request).unwrap();
+    let (window, _) = Window::parse_csv(&made.csv, &ColumnBindings::none()).unwrap();
+    let asked = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
+    let catalogue = Catalogue::builtin().unwrap();
+    let problem = prepare(&catalogue, &"room3".parse().unwrap(), &asked, &window, &site()).unwrap();
+    let fit = estimate(&problem, &asked, None, &Control::NONE).unwrap();
+    (window, problem.with_substeps(fit.substeps), fit.theta(), made.hidden_heat)
+}
+
+fn proposed(seed: u64, hidden: &[&str]) -> (Proposals, Vec<f64>) {
+    let catalogue = Catalogue::builtin().unwrap();
+    let (window, problem, theta, heat) = fitted(seed, hidden);
+    let (window, site) = (&window, &site());
+    let (problem, theta) = (&problem, &theta);
+    let asked =
+        ProposalsAsked { catalogue: &catalogue, problem, theta, window, site, rate: Default::default() };
+    propose_knowing(&asked, Some(&heat)).unwrap()
+}
+
+#[test]
+fn what_air_that_people_have_breathed_drives_is_proposed_and_becomes_an_effect() {
+    let (found, common) = proposed(61, &["co2_ventilation"]);
+    let best = &found.proposals[0];
+    assert!(common[0] >= 0.9, "{common:?} {found:#?}");
+    assert!(best.sentence.contains("CO2"), "{}", best.sentence);
+    assert!(best.left < 0.5 && best.share > found.by_chance.unwrap(), "{best:#?}");
+    // The document is one, and its equation is what was tried.
+    let document: EffectSpec = toml::from_str(&best.toml).unwrap();
+    assert_eq!(document, best.document);
+    let mut catalogue = Catalogue::builtin().unwrap();
+    catalogue.add_effect(document);
+    let (window, problem, _, _) = fitted(61, &["co2_ventilation"]);
+    let asked = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
+    let with = problem.model().id().plus(&best.effect);
+    let larger = prepare(&catalogue, &with, &asked, &window, &site()).unwrap();
+    let test = |problem: &Problem| {
+        let fit = estimate(problem, &asked, None, &Control::NONE).unwrap();
+        let run = problem.simulate(&fit.theta());
+        problem.free_run_error(&run, problem.split().test.clone()).unwrap()
+    };
+    let (without, with) = (test(&problem), test(&larger));
+    assert!(with < 0.7 * without, "{without} K without it, {with} K with it, on days that neither has seen");
+}
+
+#[test]
+fn nothing_is_proposed_where_nothing_is_hidden_or_nothing_measured_explains_it() {
+    for (seed, hidden) in [(62, &[][..]), (63, &["stove"]), (64, &["laundry"])] {
+        let (found, _) = proposed(seed, hidden);
+        assert!(found.proposals.is_empty(), "{hidden:?}: {found:#?}");
+        assert!(found.tried > 1000 && found.sentences[0].contains("chance"), "{:?}", found.sentences);
+    }
+}
+
+#[test]
+fn the_response_to_a_flow_is_what_the_simulation_does_with_it() {
+    let (window, problem, theta, _) = fitted(65, &["heater"]);
+    let catalogue = Catalogue::builtin().unwrap();
+    let site = site();
+    let (grid, _) = widen(&problem, &window, &site).unwrap();
+    let stock = Stock::new(&problem, &grid);
+    let samples = problem.split().train.clone();
+    let look = Look::new(&problem, &theta, samples, RANKING_HOURS, &|| false).unwrap();
+    let search = Search::new(&problem, &stock, &look, 0, &|| false).unwrap();
+    let place = stock.channels.iter().position(|channel| channel.name == "P_heater").unwrap();
+    let subject = Subject::Channel(place, Form::Plain);
+    let term = Term { subject, factor: Factor::One, memory: Memory::None, into: 0 };
+    let ours = look.rest(search.raw(&term).unwrap());
+    let source = EffectSource::new(&catalogue, &problem, &window, &site).unwrap();
+    let candidate = source.candidate(&problem, "metered_gain:P_heater").unwrap();
+    let theirs = look.score(&candidate, candidate.problem.simulator()).unwrap();
+    let size = theirs.size[0];
+    let (mut apart, mut all) = (0.0, 0.0);
+    for (ours, theirs) in ours.iter().zip(&theirs.direction) {
+        apart += (size * ours - theirs).powi(2);
+        all += theirs * theirs;
+    }
+    assert!(apart < 1e-3 * all, "{apart} of {all}");
+    assert!(Responses::new(&problem, &look).is_some());
+}
+
+#[test]
+fn terms_are_what_they_say() {
+    let (window, problem, _, _) = fitted(66, &[]);
+    let (grid, _) = widen(&problem, &window, &site()).unwrap();
+    let stock = Stock::new(&problem, &grid);
+    let warm = vec![21.0; grid.len()];
+    let series = |subject, memory| {
+        Term { subject, factor: Factor::One, memory, into: 0 }.series(&stock, &warm).unwrap().rate
+    };
+    let place = stock.channels.iter().position(|channel| channel.name == "P_heater").unwrap();
+    let values = &stock.channels[place].values;
+    let above = series(Subject::Channel(place, Form::Above(0.5)), Memory::None);
+    let expected: Vec<f64> = values.iter().map(|kw| (kw - 0.5).max(0.0)).collect();
+    assert_eq!(above, expected);
+    let late = series(Subject::Channel(place, Form::Plain), Memory::Delay(1.0));
+    assert_eq!(late[4..], values[..values.len() - 4]);
+    // What passes a mass comes through in the end: the sums are the same but for what is still in it.
+    let lagged = series(Subject::Channel(place, Form::Plain), Memory::Lag(2.0));
+    let sum = |series: &[f64]| series.iter().sum::<f64>();
+    assert!((sum(&lagged) - sum(values)).abs() < 0.02 * sum(values));
+    let hours = Subject::Hours(Schedule { from: 22.0, to: 6.0, days: Days::All });
+    let night = sum(&series(hours, Memory::None)) / grid.len() as f64;
+    assert!((night - 1.0 / 3.0).abs() < 0.01, "{night}");
+}
