@@ -54,6 +54,24 @@ export async function evidence(chrome, { base }) {
     await page.getByRole('figure', { name: 'Missing in a mean week' }).locator('svg.chart path').first().waitFor();
   });
 
+  await test(chrome, 'a_term_is_proposed_on_demand_with_its_document_and_what_it_leaves', {}, async page => {
+    await page.goto(`${base}/ui/systems/${HIDES_TWO}/missing`);
+    const [{ fit }] = (await ask(base, `/diagnoses?system=${HIDES_TWO}`)).items;
+    const part = page.getByRole('region', { name: 'A term that no catalogue has' });
+    await part.getByRole('button', { name: 'Propose a term' }).click();
+    const found = await ask(base, `/fits/${fit}/proposals`);
+    await part.getByText(found.sentences[0].slice(0, 60)).first().waitFor();
+    holds((await part.getByText(`${found.tried} terms were tried`).count()) === 1, 'how many were tried');
+    const articles = part.getByRole('article');
+    holds((await articles.count()) === found.proposals.length, `${await articles.count()} beside ${found.proposals.length}`);
+    for (const one of found.proposals) {
+      const article = part.getByRole('article', { name: one.effect, exact: true });
+      await article.getByText('The document').click();
+      holds((await article.locator('pre').innerText()).trim() === one.toml.trim(), one.toml);
+      holds((await article.getByRole('button', { name: 'Add it and refit' }).count()) === 1, 'it can be added');
+    }
+  });
+
   await test(chrome, 'residuals_by_lag_and_by_frequency_are_charts_with_their_numbers', {}, async page => {
     const [{ id }] = (await ask(base, `/fits?system=${KNOWS_THE_DAY}&page_size=1`)).items;
     const told = await ask(base, `/fits/${id}/diagnostics`);

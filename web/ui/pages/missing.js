@@ -19,6 +19,7 @@ import { Adding } from './adding.js';
 import { Evidence } from './evidence.js';
 import { Ledger } from './ledger.js';
 import { MissingHeat } from './missing-heat.js';
+import { Proposals } from './proposals.js';
 
 const SAYS = {
   named: 'Something physical is missing here, and it has a name.',
@@ -116,6 +117,8 @@ export function Diagnosis({ data, system, document, metrics, query, search, relo
     <${Present} effects=${data.present} />
     <${Unexplained} unexplained=${data.unexplained} path=${path} system=${system} model=${data.model}
       output=${several ? erring : null} unit=${unit} />
+    ${weighed && data.verdict !== 'adequate' && data.fit && html`<${Proposals} fit=${data.fit}
+      add=${isOlder && steps.length === 0 ? null : setAdding} />`}
     ${weighed && html`<${MissingHeat} path=${path} output=${several ? erring : null} system=${system} query=${query}
       zone=${document.location?.zone ?? 'UTC'} />`}
     ${(data.considered.length > 0 || data.not_testable.length > 0) && html`<div class="grid">

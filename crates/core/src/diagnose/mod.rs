@@ -16,7 +16,8 @@
 //! by hour of the day, `missing_heat` what flows unseen at every hour, `proposals` which term of what was
 //! measured explains it, `evidence` lays the error beside an
 //! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests.
-//! `lampyris bench diagnose`, `real`, `missing-heat` and `proposals` measure all of it, on synthetic rooms and real ones.
+//! `lampyris bench diagnose`, `real`, `missing-heat` and `proposals` measure all of it, on synthetic rooms and
+//! real ones.
 
 mod acceptance;
 mod chosen;

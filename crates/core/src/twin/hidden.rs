@@ -28,7 +28,7 @@ pub enum Kind {
     Stove,
     /// Not in the catalogue: laundry that is hung up piece by piece on some days, dries, and takes heat.
     Laundry,
-    /// Not in the catalogue, as all that follow: air that is exchanged the more, the more people have breathed.
+    /// Not in the catalogue, as all that follow: air that is exchanged where people have breathed much of it.
     Ventilation,
     /// Blinds that close in the sun above this temperature of the room.
     Blinds(f64),

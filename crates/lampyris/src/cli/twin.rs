@@ -81,12 +81,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// A room: its measurements, the truth and its neighbours.
 fn room(arguments: &Arguments) -> Result<(String, Value, Vec<String>), Failure> {
+    let effects: Vec<&str> = arguments.effect.iter().map(String::as_str).collect();
     let request = WorldRequest {
-        seed: arguments.seed,
-        effects: arguments.effect.clone(),
-        level: arguments.level.into(),
         days: arguments.days,
         step_minutes: arguments.step,
+        ..WorldRequest::new(arguments.seed, &effects, arguments.level.into())
     };
     let world = world(&request).map_err(|fault| Failure::Error(fault.to_string()))?;
     let truth = serde_json::to_value(&world.truth).map_err(|error| Failure::Error(error.to_string()))?;

@@ -132,6 +132,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("get_compare", Some(Read), Several),
     ("get_diagnostics", Some(Read), FIT),
     ("get_missing_heat", Some(Read), FIT),
+    ("get_proposals", Some(Read), FIT),
     ("promote_fit", Some(Operate), FIT),
     ("reject_fit", Some(Operate), FIT),
     ("list_diagnoses", Some(Read), Several),

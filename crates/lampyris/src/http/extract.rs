@@ -18,6 +18,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use lampyris_core::data::SystemId;
 use lampyris_core::fault::Fault;
+use lampyris_core::model::spec::MAX_DOCUMENT;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
@@ -38,6 +39,15 @@ const LONGEST_KEY: usize = 255;
 /// A JSON document, and the key of the request if it has one.
 #[derive(Debug)]
 pub struct Json {
+    /// The document.
+    pub value: Value,
+    /// The client's `Idempotency-Key`.
+    pub key: Option<RequestKey>,
+}
+
+/// A document of a model or an effect, in JSON or TOML, and the key of the request if it has one.
+#[derive(Debug)]
+pub struct Document {
     /// The document.
     pub value: Value,
     /// The client's `Idempotency-Key`.
@@ -90,6 +100,26 @@ impl FromRequest<Shared> for Json {
             decode::parse(&body)
         };
         Ok(Self { value: value.map_err(unread)?, key })
+    }
+}
+
+impl FromRequest<Shared> for Document {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, service: &Shared) -> Result<Self, ApiError> {
+        match media_type(request.headers()).as_str() {
+            "application/json" => {
+                let Json { value, key } = Json::from_request(request, service).await?;
+                Ok(Self { value, key })
+            }
+            "application/toml" => {
+                let (parts, body) = request.into_parts();
+                let body = read(&parts, body, MAX_DOCUMENT, service).await?;
+                let key = key(&parts, &body)?;
+                Ok(Self { value: decode::parse_toml(&body).map_err(ApiError::Malformed)?, key })
+            }
+            _ => Err(ApiError::MediaType("application/json or application/toml")),
+        }
     }
 }
 

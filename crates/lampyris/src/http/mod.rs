@@ -47,6 +47,7 @@ mod places;
 mod preview;
 mod problem;
 mod prometheus;
+mod proposals;
 mod samples;
 mod schedules;
 mod series;

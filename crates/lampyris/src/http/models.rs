@@ -1,7 +1,7 @@
 //! Models and effects: documents that say what physics is thought to be at work.
 
 use super::access::Caller;
-use super::extract::{Asked, Json};
+use super::extract::{Asked, Document, Json};
 use super::language;
 use super::negotiate::rendered;
 use super::page::{Page, PageQuery};
@@ -190,7 +190,7 @@ fn paged<T: Serialize>(
     path = "/models",
     tag = "models",
     params(("Idempotency-Key" = Option<String>, Header)),
-    request_body = ModelDocument,
+    request_body(content((ModelDocument = "application/json"), (String = "application/toml"))),
     responses(
         (status = 200, description = "It was there already", body = ModelAnswer),
         (
@@ -208,7 +208,11 @@ fn paged<T: Serialize>(
         Problems,
     )
 )]
-async fn post_model(State(service): State<Shared>, caller: Caller, body: Json) -> Result<Response, ApiError> {
+async fn post_model(
+    State(service): State<Shared>,
+    caller: Caller,
+    body: Document,
+) -> Result<Response, ApiError> {
     let taken = models::create(&service, body.value, caller.name(), body.key.as_ref())
         .await
         .map_err(ApiError::of_document)?;
@@ -308,13 +312,13 @@ async fn list_effects(
     paged(service.catalogue.current().effects().cloned().collect(), &page, |effect| &effect.id)
 }
 
-/// Takes an effect document.
+/// Takes an effect document, in JSON or in TOML.
 #[utoipa::path(
     post,
     path = "/effects",
     tag = "effects",
     params(("Idempotency-Key" = Option<String>, Header)),
-    request_body = EffectSpec,
+    request_body(content((EffectSpec = "application/json"), (String = "application/toml"))),
     responses(
         (status = 200, description = "It was there already", body = EffectSpec),
         (
@@ -335,7 +339,7 @@ async fn list_effects(
 async fn post_effect(
     State(service): State<Shared>,
     caller: Caller,
-    body: Json,
+    body: Document,
 ) -> Result<Response, ApiError> {
     let taken = models::create_effect(&service, body.value, caller.name(), body.key.as_ref())
         .await

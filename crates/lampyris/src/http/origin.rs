@@ -8,7 +8,7 @@ use std::net::{IpAddr, Ipv6Addr};
 
 /// What bodies of changes are. No form of a page can send them, and a script of a foreign one is asked about
 /// by its browser first, which then hears no consent.
-const BODIES: [&str; 2] = ["application/json", "text/csv"];
+const BODIES: [&str; 3] = ["application/json", "text/csv", "application/toml"];
 /// What every machine calls itself.
 const LOCALHOST: &str = "localhost";
 
@@ -70,7 +70,7 @@ pub fn require_own_body(parts: &Parts) -> Result<(), ApiError> {
         && parts.headers.contains_key(header::CONTENT_TYPE)
         && !BODIES.contains(&media_type(&parts.headers).as_str())
     {
-        return Err(ApiError::MediaType("application/json or text/csv"));
+        return Err(ApiError::MediaType("application/json, text/csv or application/toml"));
     }
     Ok(())
 }

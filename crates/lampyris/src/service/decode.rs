@@ -37,6 +37,17 @@ pub fn parse(body: &[u8]) -> Result<Value, Unread> {
     if repeated.is_empty() { Ok(value) } else { Err(Unread::Repeated(repeated)) }
 }
 
+/// Reads TOML text; a name that comes twice is none to TOML either.
+///
+/// # Errors
+/// Where the text is no TOML, with the place.
+pub fn parse_toml(body: &[u8]) -> Result<Value, Fault> {
+    let wrong = |error: String| Fault::new("", "invalid-toml", shorten(&error));
+    let text = std::str::from_utf8(body).map_err(|error| wrong(error.to_string()))?;
+    let table: toml::Table = toml::from_str(text).map_err(|error| wrong(error.to_string()))?;
+    serde_json::to_value(table).map_err(|error| wrong(error.to_string()))
+}
+
 /// Reads a value and notes the names that come twice.
 struct Document<'a> {
     pointer: String,

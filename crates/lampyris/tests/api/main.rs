@@ -36,6 +36,7 @@ mod overview;
 mod params;
 mod plants;
 mod preview;
+mod proposals;
 mod pull;
 mod retention;
 mod samples;

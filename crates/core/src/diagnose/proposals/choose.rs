@@ -1,9 +1,9 @@
 //! Which terms are proposed: those that do better than the best of the same search on errors that no channel
 //! has to do with, tried beside parameters of their own, with what cannot be told from them.
 
-use super::search::{Search, TermScore, range};
+use super::search::{TermScore, TermSearch, range};
 use super::settled::{SettledBeside, Trial};
-use super::term::{Memory, Schedule, Subject, Term};
+use super::term::{Memory, Schedule, Term, TermSubject};
 use crate::diagnose::score_test::{Look, SegmentScore};
 use crate::estimate::segments::dot;
 use rayon::prelude::*;
@@ -24,8 +24,8 @@ const ALIKE: f64 = 0.9;
 const LEAST_SHARE: f64 = 0.05;
 /// What only reads what the model reads already mends a form that is wrong everywhere as well: more is asked.
 const LEAST_SHARE_OF_MODEL: f64 = 0.08;
-/// Beside its own parameters a term is still as sure as that: some thousands were tried, and of few dozen days
-/// one of ten thousand comes to it by chance.
+/// Beside its own parameters a term is still as sure as that: some thousands were tried, and with a few dozen
+/// days one of ten thousand comes to it by chance.
 const LEAST_T: f64 = 4.5;
 /// A schedule holds on its days: so large is the square of the usual day as a share of that of all days.
 const STEADY: f64 = 0.6;
@@ -40,9 +40,9 @@ const OTHER_LAGS: [f64; 3] = [0.7, 1.5, 3.0];
 const EULER: f64 = 0.577_215_664_901_532_9;
 
 /// What a search has found.
-pub(super) struct Found {
+pub(super) struct FoundTerms {
     /// At most three, best first.
-    pub best: Vec<Tried>,
+    pub best: Vec<TriedTerm>,
     /// How many terms were scored.
     pub tried: usize,
     /// The share that the best of so many explains by chance.
@@ -52,7 +52,7 @@ pub(super) struct Found {
 }
 
 /// A term with the parameters that the model has beside it.
-pub(super) struct Tried {
+pub(super) struct TriedTerm {
     pub term: Term,
     pub size: f64,
     pub share: f64,
@@ -64,12 +64,12 @@ pub(super) struct Tried {
 }
 
 /// Seeks the terms that explain most of the error of a model.
-pub(super) fn choose(trial: &Trial<'_>, search: &Search<'_>, null: &Look<'_>, rate: f64) -> Found {
+pub(super) fn choose(trial: &Trial<'_>, search: &TermSearch<'_>, null: &Look<'_>, rate: f64) -> FoundTerms {
     let scores = search.scores();
     let bar = Bar::new(search, null, &scores, rate);
     let left = null.left();
     let mut found =
-        Found { best: Vec::new(), tried: scores.len(), by_chance: bar.by_chance, left: dot(left, left) };
+        FoundTerms { best: Vec::new(), tried: scores.len(), by_chance: bar.by_chance, left: dot(left, left) };
     let mut leaders = leaders(search, &bar, &scores, KINDS);
     if let Some(late) = leaders.iter().find(|term| matches!(term.memory, Memory::Lag(_))).copied() {
         leaders.extend(OTHER_LAGS.map(|hours| Term { memory: Memory::Lag(hours), ..late }));
@@ -78,21 +78,21 @@ pub(super) fn choose(trial: &Trial<'_>, search: &Search<'_>, null: &Look<'_>, ra
     let Some(best) = first.first() else { return found };
     // Sought again beside the parameters of the best: where half of it had gone into the model's own, others
     // have looked better.
-    let mut all: Vec<Tried> = beside(trial, search, &best.settled, |search, look| {
+    let mut all: Vec<TriedTerm> = beside(trial, search, &best.settled, |search, look| {
         let scores = search.scores();
         let bar = Bar::new(search, look, &scores, rate);
         tried(trial, search, look, &self::leaders(search, &bar, &scores, KINDS_BESIDE), false)
     })
     .unwrap_or_default();
     all.extend(first);
-    let refined: Vec<Tried> = grouped(trial, search, all, REFINED)
+    let refined: Vec<TriedTerm> = grouped(trial, search, all, REFINED)
         .into_iter()
         .map(|one| {
             let better = beside(trial, search, &one.settled, |search, look| {
                 tried(trial, search, look, &[refined(search, one.term)], false).pop()
             });
             match better.flatten().filter(|better| better.settled.squares <= one.settled.squares) {
-                Some(better) => Tried { alike: one.alike, ..better },
+                Some(better) => TriedTerm { alike: one.alike, ..better },
                 None => one,
             }
         })
@@ -104,17 +104,23 @@ pub(super) fn choose(trial: &Trial<'_>, search: &Search<'_>, null: &Look<'_>, ra
 /// The same search beside other parameters.
 fn beside<T>(
     trial: &Trial<'_>,
-    search: &Search<'_>,
+    search: &TermSearch<'_>,
     settled: &SettledBeside,
-    work: impl FnOnce(&Search<'_>, &Look<'_>) -> T,
+    work: impl FnOnce(&TermSearch<'_>, &Look<'_>) -> T,
 ) -> Option<T> {
     let look = trial.at(settled)?;
-    let there = Search::new(trial.problem, search.stock, &look, search.into(), trial.halt)?;
+    let there = TermSearch::new(trial.problem, search.stock, &look, search.into(), trial.halt)?;
     Some(work(&there, &look))
 }
 
 /// Terms beside parameters of their own, those that leave least first.
-fn tried(trial: &Trial<'_>, search: &Search<'_>, look: &Look<'_>, terms: &[Term], anew: bool) -> Vec<Tried> {
+fn tried(
+    trial: &Trial<'_>,
+    search: &TermSearch<'_>,
+    look: &Look<'_>,
+    terms: &[Term],
+    anew: bool,
+) -> Vec<TriedTerm> {
     let one = |term: &Term| {
         let score = scored(search, look, term)?;
         let settled =
@@ -125,37 +131,42 @@ fn tried(trial: &Trial<'_>, search: &Search<'_>, look: &Look<'_>, terms: &[Term]
         let (t, confirmed) = (there.t, there.confirmed);
         // Where it is the parameters alone that have become better, nothing is left for it.
         let shows = confirmed > 0.0 && share >= LEAST_SHARE && t.abs() >= LEAST_T;
-        shows.then_some(Tried { term: *term, size, share, t, confirmed, settled, alike: Vec::new() })
+        shows.then_some(TriedTerm { term: *term, size, share, t, confirmed, settled, alike: Vec::new() })
     };
-    let mut tried: Vec<Tried> = terms.par_iter().filter_map(one).collect();
+    let mut tried: Vec<TriedTerm> = terms.par_iter().filter_map(one).collect();
     order(&mut tried);
     tried
 }
 
-fn scored(search: &Search<'_>, look: &Look<'_>, term: &Term) -> Option<SegmentScore> {
+fn scored(search: &TermSearch<'_>, look: &Look<'_>, term: &Term) -> Option<SegmentScore> {
     look.score_changes(vec![search.raw(term)?], &|_| true)
 }
 
 /// What leaves least first; the simpler of two that leave the same.
-fn order(tried: &mut [Tried]) {
-    let cost = |one: &Tried| one.settled.squares * (1.0 + SIMPLER * one.term.choices() as f64);
+fn order(tried: &mut [TriedTerm]) {
+    let cost = |one: &TriedTerm| one.settled.squares * (1.0 + SIMPLER * one.term.choices() as f64);
     tried.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
 }
 
 /// At most so many that are not alike beside the parameters of the best, each with those that are.
-fn grouped(trial: &Trial<'_>, search: &Search<'_>, mut tried: Vec<Tried>, most: usize) -> Vec<Tried> {
+fn grouped(
+    trial: &Trial<'_>,
+    search: &TermSearch<'_>,
+    mut tried: Vec<TriedTerm>,
+    most: usize,
+) -> Vec<TriedTerm> {
     order(&mut tried);
     let Some(best) = tried.first() else { return tried };
-    let direction = |search: &Search<'_>, look: &Look<'_>, term: &Term| {
+    let direction = |search: &TermSearch<'_>, look: &Look<'_>, term: &Term| {
         search.raw(term).map(|raw| look.rest(raw)).unwrap_or_default()
     };
     let directions: Vec<Vec<f64>> = beside(trial, search, &best.settled, |search, look| {
         tried.iter().map(|one| direction(search, look, &one.term)).collect()
     })
     .unwrap_or_default();
-    let mut groups: Vec<(Tried, Vec<f64>)> = Vec::new();
+    let mut groups: Vec<(TriedTerm, Vec<f64>)> = Vec::new();
     for (one, direction) in tried.into_iter().zip(directions) {
-        let same = |(_, other): &&mut (Tried, Vec<f64>)| likeness(other, &direction).abs() >= ALIKE;
+        let same = |(_, other): &&mut (TriedTerm, Vec<f64>)| likeness(other, &direction).abs() >= ALIKE;
         match groups.iter_mut().find(same) {
             Some((group, _)) => {
                 let others = std::iter::once(one.term).chain(one.alike);
@@ -178,7 +189,7 @@ pub(super) fn likeness(a: &[f64], b: &[f64]) -> f64 {
 
 /// What the terms of a search are judged by.
 struct Bar<'a> {
-    search: &'a Search<'a>,
+    search: &'a TermSearch<'a>,
     rate: f64,
     by_chance: Option<f64>,
     /// How many were tried.
@@ -188,7 +199,7 @@ struct Bar<'a> {
 }
 
 impl<'a> Bar<'a> {
-    fn new(search: &'a Search<'a>, look: &Look<'_>, scores: &[TermScore], rate: f64) -> Self {
+    fn new(search: &'a TermSearch<'a>, look: &Look<'_>, scores: &[TermScore], rate: f64) -> Self {
         let by_chance = by_chance(scores, search.shifts(), rate);
         Self { search, rate, by_chance, terms: scores.len() as f64, of_clock: look.share_of_clock() }
     }
@@ -214,7 +225,7 @@ impl<'a> Bar<'a> {
 
 /// The best term of each kind of whatever has passed, with its numbers refined, best first: once a channel
 /// has passed, each of its kinds is worth a try.
-fn leaders(search: &Search<'_>, bar: &Bar<'_>, scores: &[TermScore], most: usize) -> Vec<Term> {
+fn leaders(search: &TermSearch<'_>, bar: &Bar<'_>, scores: &[TermScore], most: usize) -> Vec<Term> {
     let passing: Vec<&TermScore> = scores.iter().filter(|score| bar.passes(score)).collect();
     let has_passed = |score: &TermScore| passing.iter().any(|one| one.term.reads() == score.term.reads());
     let worth = |score: &TermScore| score.share * (1.0 - SIMPLER * score.term.choices() as f64);
@@ -251,7 +262,7 @@ fn by_chance(scores: &[TermScore], shifts: usize, rate: f64) -> Option<f64> {
 
 /// The same term where its threshold, its time constant and its hours explain most: halved steps along each
 /// in turn.
-fn refined(search: &Search<'_>, term: Term) -> Term {
+fn refined(search: &TermSearch<'_>, term: Term) -> Term {
     let share = |term: &Term| search.share(term).unwrap_or(0.0);
     let mut best = (term, share(&term));
     for part in [0.5, 0.25, 0.125] {
@@ -266,31 +277,33 @@ fn refined(search: &Search<'_>, term: Term) -> Term {
 }
 
 /// Terms that differ a little.
-fn neighbours(search: &Search<'_>, term: &Term, part: f64) -> Vec<Term> {
+fn neighbours(search: &TermSearch<'_>, term: &Term, part: f64) -> Vec<Term> {
     let mut near = Vec::new();
     let mut moved = |subject| near.push(Term { subject, ..*term });
     match term.subject {
-        Subject::Channel(place, form) => {
+        TermSubject::Channel(place, form) => {
             if let Some(at) = form.threshold() {
                 let (low, high) = range(&search.stock.channels[place].values);
                 for step in [-0.15, 0.15] {
                     let there = at + step * part * (high - low);
                     if there > low && there < high {
-                        moved(Subject::Channel(place, form.at(there)));
+                        moved(TermSubject::Channel(place, form.at(there)));
                     }
                 }
             }
         }
-        Subject::Warm(at) => [-1.0, 1.0].iter().for_each(|step| moved(Subject::Warm(at + step * part))),
-        Subject::Hours(schedule) => {
+        TermSubject::Warm(at) => {
+            [-1.0, 1.0].iter().for_each(|step| moved(TermSubject::Warm(at + step * part)))
+        }
+        TermSubject::Hours(schedule) => {
             for step in [-part, part] {
                 let hour = |hour: f64| (hour + 2.0 * step).rem_euclid(24.0);
                 let (from, to) = (hour(schedule.from), hour(schedule.to));
-                moved(Subject::Hours(Schedule { from, ..schedule }));
-                moved(Subject::Hours(Schedule { to, ..schedule }));
+                moved(TermSubject::Hours(Schedule { from, ..schedule }));
+                moved(TermSubject::Hours(Schedule { to, ..schedule }));
             }
         }
-        Subject::Sun(_) => {}
+        TermSubject::Sun(_) => {}
     }
     let factors = [1.0 + part, 1.0 / (1.0 + part)];
     let remembers = |memory| Term { memory, ..*term };

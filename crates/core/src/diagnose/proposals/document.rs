@@ -1,7 +1,7 @@
 //! A term as an effect's document and in words.
 
 use super::stock::{Stock, StockChannel};
-use super::term::{Days, Factor, Form, Memory, Schedule, Subject, Term};
+use super::term::{Factor, Form, Memory, Schedule, ScheduleDays, Term, TermSubject};
 use crate::data::{CALENDAR, Hold};
 use crate::model::Model;
 use crate::model::catalogue::Catalogue;
@@ -19,7 +19,7 @@ const ROOM_FOR_SIZE: f64 = 10.0;
 const ROOM_FOR_LAG: f64 = 5.0;
 
 /// What a term is written with.
-pub(super) struct Writing<'a> {
+pub(super) struct TermWriting<'a> {
     pub stock: &'a Stock,
     pub catalogue: &'a Catalogue,
     pub model: &'a Model,
@@ -29,7 +29,7 @@ pub(super) struct Writing<'a> {
     pub size: f64,
 }
 
-impl Writing<'_> {
+impl TermWriting<'_> {
     /// The effect that adds the term, as `POST /effects` takes it.
     pub fn effect(&self) -> EffectSpec {
         let id = self.id();
@@ -74,21 +74,21 @@ impl Writing<'_> {
     fn value(&self, effect: &mut EffectSpec, id: &str) -> String {
         let into = &self.model.states()[self.term.into];
         let (now, channel, form) = match self.term.subject {
-            Subject::Channel(place, form) => {
+            TermSubject::Channel(place, form) => {
                 let channel = &self.stock.channels[place];
                 (self.reads(effect, channel), channel, form)
             }
-            Subject::Sun(form) => {
+            TermSubject::Sun(form) => {
                 self.with_sun(effect);
                 let Some(sun) = &self.stock.sun else { return "S".to_owned() };
                 ("S".to_owned(), sun, form)
             }
             // A step of some tenths of a kelvin, that a search can follow.
-            Subject::Warm(above) => {
+            TermSubject::Warm(above) => {
                 let unit = error_unit(&into.unit);
                 return format!("(1 / (1 + exp(({above:.2}[{}] - {}) / 0.1[{unit}])))", into.unit, into.name);
             }
-            Subject::Hours(schedule) => return hours(effect, schedule),
+            TermSubject::Hours(schedule) => return hours(effect, schedule),
         };
         let name = match self.term.memory {
             Memory::Delay(hours) => format!("delay({now}, {hours:.2}[h])"),
@@ -169,7 +169,7 @@ impl Writing<'_> {
         let is_rate = self.term.is_a_difference(self.stock) || self.term.factor == Factor::Outdoors;
         let flow = if is_rate { "1/h".to_owned() } else { format!("{state}/h") };
         let per = match self.term.subject {
-            Subject::Channel(place, form) if !matches!(form, Form::On(_)) => {
+            TermSubject::Channel(place, form) if !matches!(form, Form::On(_)) => {
                 let channel = &self.stock.channels[place];
                 (!self.term.is_a_difference(self.stock)).then(|| error_unit(&channel.unit))
             }
@@ -184,7 +184,7 @@ impl Writing<'_> {
     /// `proposed_` and what it goes with.
     fn id(&self) -> String {
         let what = match self.term.subject {
-            Subject::Channel(place, form) => {
+            TermSubject::Channel(place, form) => {
                 let name = plain(&self.stock.channels[place].name);
                 let form = match form {
                     Form::Plain => "",
@@ -194,13 +194,13 @@ impl Writing<'_> {
                 };
                 format!("{name}{form}")
             }
-            Subject::Sun(_) => "sun".to_owned(),
-            Subject::Warm(_) => "warm".to_owned(),
-            Subject::Hours(schedule) => {
+            TermSubject::Sun(_) => "sun".to_owned(),
+            TermSubject::Warm(_) => "warm".to_owned(),
+            TermSubject::Hours(schedule) => {
                 let days = match schedule.days {
-                    Days::All => "daily",
-                    Days::Working => "working_days",
-                    Days::Weekend => "weekends",
+                    ScheduleDays::All => "daily",
+                    ScheduleDays::Working => "working_days",
+                    ScheduleDays::Weekend => "weekends",
                 };
                 format!("{days}_{:.0}_{:.0}", schedule.from, schedule.to)
             }
@@ -224,7 +224,7 @@ impl Writing<'_> {
     /// What it is made of, as a short title.
     pub fn subject(&self) -> String {
         let subject = match self.term.subject {
-            Subject::Channel(place, form) => {
+            TermSubject::Channel(place, form) => {
                 let StockChannel { name, unit, .. } = &self.stock.channels[place];
                 let unit = if unit == "-" { String::new() } else { format!(" {unit}") };
                 match form {
@@ -233,16 +233,16 @@ impl Writing<'_> {
                     Form::Below(at) => format!("{name} below {}{unit}", rounded(at)),
                 }
             }
-            Subject::Sun(_) => "the sun".to_owned(),
-            Subject::Warm(above) => {
+            TermSubject::Sun(_) => "the sun".to_owned(),
+            TermSubject::Warm(above) => {
                 let state = &self.model.states()[self.term.into];
                 format!("{} above {above:.1} {}", state.name, state.unit)
             }
-            Subject::Hours(Schedule { from, to, days }) => {
+            TermSubject::Hours(Schedule { from, to, days }) => {
                 let days = match days {
-                    Days::All => "every day",
-                    Days::Working => "working days",
-                    Days::Weekend => "weekends",
+                    ScheduleDays::All => "every day",
+                    ScheduleDays::Working => "working days",
+                    ScheduleDays::Weekend => "weekends",
                 };
                 format!("{days}, {} to {} h", clock(from), clock(to))
             }
@@ -271,8 +271,8 @@ impl Writing<'_> {
             (Factor::One, false) => format!("The {place} is cooled"),
         };
         match self.term.subject {
-            Subject::Hours(_) => format!("{what} at the same hours: {subject}."),
-            Subject::Warm(_) | Subject::Channel(_, Form::On(_)) => format!("{what}: {subject}."),
+            TermSubject::Hours(_) => format!("{what} at the same hours: {subject}."),
+            TermSubject::Warm(_) | TermSubject::Channel(_, Form::On(_)) => format!("{what}: {subject}."),
             _ => format!("{what}, in proportion to {subject}."),
         }
     }
@@ -294,9 +294,9 @@ fn hours(effect: &mut EffectSpec, schedule: Schedule) -> String {
     let joins = if from < to { "min" } else { "max" };
     let now = format!("{joins}({}, {})", both[0], both[1]);
     let day = match days {
-        Days::All => return now,
-        Days::Working => format!("({weekday} < 5.5)"),
-        Days::Weekend => format!("({weekday} > 5.5)"),
+        ScheduleDays::All => return now,
+        ScheduleDays::Working => format!("({weekday} < 5.5)"),
+        ScheduleDays::Weekend => format!("({weekday} > 5.5)"),
     };
     effect.inputs.insert(weekday.to_owned(), input("-"));
     format!("{day} * {now}")

@@ -4,12 +4,12 @@
 //! ```text
 //! channels, sun, clock --stock, term--> terms --search--> scores --choose--> leaders
 //!                                         ^                              |
-//!                    refined beside them  +---- settled: parameters -----+--document--> Proposal
+//!                    refined beside them  +---- settled: parameters -----+--document--> ProposedTerm
 //! ```
 //!
 //! Every term of a grammar is scored along segments of hours, as candidates of the catalogue are
-//! (`score_test`). How well the best of so many does by chance the room itself says: the same search is judged
-//! on its errors shifted by whole days. A model that lacks an effect has wrong parameters and answers to any
+//! (`score_test`). How well the best of so many does by chance the room itself says: the same search is
+//! judged on its errors shifted by whole days. A model that lacks an effect has wrong parameters and answers to any
 //! flow as no room does; so the best are tried beside parameters of their own, and sought again there.
 //!
 //! A state that the record does not show starts anew in every segment, and what has passed a mass of its own
@@ -33,9 +33,9 @@ use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
 use crate::model::spec::EffectSpec;
 use crate::model::{Catalogue, Initial};
-use choose::Tried;
-use document::Writing;
-use search::Search;
+use choose::TriedTerm;
+use document::TermWriting;
+use search::TermSearch;
 use serde::{Deserialize, Serialize};
 use settled::Trial;
 use stock::Stock;
@@ -71,12 +71,12 @@ pub struct Proposals {
     /// as many rooms as the accusation rate says; `null` where the days are too few to tell.
     pub by_chance: Option<f64>,
     /// At most three.
-    pub proposals: Vec<Proposal>,
+    pub proposals: Vec<ProposedTerm>,
 }
 
 /// A term that may be missing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Proposal {
+pub struct ProposedTerm {
     /// The id of the effect that adds it.
     pub effect: String,
     /// What it does, for an operator.
@@ -142,12 +142,12 @@ pub fn propose_knowing(
     let left = || cannot("the model leaves the numbers along the record, or has too few measurements");
     let null = trial.alone(theta).ok_or_else(left)?;
     let null = trial.at(&null).ok_or_else(left)?;
-    let search = Search::new(problem, &stock, &null, into, &halt).ok_or_else(left)?;
+    let search = TermSearch::new(problem, &stock, &null, into, &halt).ok_or_else(left)?;
     let found = choose::choose(&trial, &search, &null, rate.into());
 
-    let common = |tried: &Tried| {
+    let common = |tried: &TriedTerm| {
         let look = trial.at(&tried.settled)?;
-        let search = Search::new(problem, &stock, &look, into, &halt)?;
+        let search = TermSearch::new(problem, &stock, &look, into, &halt)?;
         let direction = look.rest(search.raw_of(flow?.to_vec()));
         let own = look.rest(search.raw(&tried.term)?);
         Some(choose::likeness(&direction, &own).abs())
@@ -159,11 +159,11 @@ pub fn propose_knowing(
         .as_ref()
         .and_then(|composition| composition.spec.states.get(name))
         .map_or(name, |state| if state.title.is_empty() { name } else { state.title.as_str() });
-    let of = |term, size| Writing { stock: &stock, catalogue, model: problem.model(), place, term, size };
-    let proposal = |tried: &Tried| {
+    let of = |term, size| TermWriting { stock: &stock, catalogue, model: problem.model(), place, term, size };
+    let proposal = |tried: &TriedTerm| {
         let writing = of(tried.term, tried.size);
         let document = writing.effect();
-        Proposal {
+        ProposedTerm {
             effect: document.id.clone(),
             sentence: document.explain.clone(),
             equation: format!("{name}: {}", document.terms.get(name).cloned().unwrap_or_default()),
@@ -178,14 +178,14 @@ pub fn propose_knowing(
             document,
         }
     };
-    let proposals: Vec<Proposal> = found.best.iter().map(proposal).collect();
+    let proposals: Vec<ProposedTerm> = found.best.iter().map(proposal).collect();
     let sentences = sentences(&proposals, found.tried, search.shifts());
     let (tried, shifts) = (found.tried, search.shifts());
     Ok((Proposals { sentences, tried, shifts, by_chance: found.by_chance, proposals }, common))
 }
 
 /// What it says, in plain sentences.
-fn sentences(proposals: &[Proposal], tried: usize, shifts: usize) -> Vec<String> {
+fn sentences(proposals: &[ProposedTerm], tried: usize, shifts: usize) -> Vec<String> {
     let Some(best) = proposals.first() else {
         let days =
             if shifts < choose::LEAST_SHIFTS { " The days are too few to tell chance apart." } else { "" };

@@ -3,7 +3,7 @@
 
 use super::response::Responses;
 use super::stock::{Stock, StockChannel};
-use super::term::{Days, Factor, Form, Memory, Schedule, Subject, Term, TermSeries};
+use super::term::{Factor, Form, Memory, Schedule, ScheduleDays, Term, TermSeries, TermSubject};
 use crate::diagnose::score_test::Look;
 use crate::estimate::Problem;
 use crate::estimate::segments::dot;
@@ -29,7 +29,7 @@ const LEAST_DAYS: usize = 5;
 const IMITATED: f64 = 1e-3;
 
 /// What is searched, and beside what it is judged.
-pub(super) struct Search<'a> {
+pub(super) struct TermSearch<'a> {
     pub stock: &'a Stock,
     look: &'a Look<'a>,
     responses: Responses,
@@ -57,7 +57,7 @@ pub(super) struct TermScore {
     pub shifted: Vec<f64>,
 }
 
-impl<'a> Search<'a> {
+impl<'a> TermSearch<'a> {
     /// Prepares a search for what flows into a state that an output shows. `None` where the model leaves the
     /// numbers along its segments.
     pub fn new(
@@ -101,7 +101,7 @@ impl<'a> Search<'a> {
         (own > IMITATED * before && own > 0.0).then_some((direction, own))
     }
 
-    /// The share of the squared error that a term explains; `None` as [`Search::score`].
+    /// The share of the squared error that a term explains; `None` as [`TermSearch::score`].
     pub fn share(&self, term: &Term) -> Option<f64> {
         let (direction, own) = self.direction(term)?;
         let residual = self.look.residual();
@@ -162,7 +162,7 @@ impl<'a> Search<'a> {
         .flatten()
         .collect();
         for (place, channel) in self.stock.channels.iter().enumerate() {
-            let of = |form| Subject::Channel(place, form);
+            let of = |form| TermSubject::Channel(place, form);
             let thresholds = thresholds(channel);
             let forms: Vec<Form> = thresholds
                 .iter()
@@ -182,21 +182,23 @@ impl<'a> Search<'a> {
             }
         }
         if self.stock.sun.is_some() {
-            terms.push(now(Subject::Sun(Form::Plain), Factor::One));
+            terms.push(now(TermSubject::Sun(Form::Plain), Factor::One));
             let lags = LAGS.map(Memory::Lag).into_iter();
-            terms.extend(lags.map(|memory| Term { memory, ..now(Subject::Sun(Form::Plain), Factor::One) }));
+            terms.extend(
+                lags.map(|memory| Term { memory, ..now(TermSubject::Sun(Form::Plain), Factor::One) }),
+            );
         }
         let known: Vec<f64> = self.warm.iter().copied().filter(|value| value.is_finite()).collect();
         for at in quantiles(&known, &WARM) {
             let driven = factors.iter().filter(|factor| **factor != Factor::One);
-            terms.extend(driven.map(|factor| now(Subject::Warm(at), *factor)));
+            terms.extend(driven.map(|factor| now(TermSubject::Warm(at), *factor)));
         }
         if self.stock.clock.is_some() {
-            for days in [Days::All, Days::Working, Days::Weekend] {
+            for days in [ScheduleDays::All, ScheduleDays::Working, ScheduleDays::Weekend] {
                 for from in 0..24 {
                     for length in LENGTHS {
                         let to = (f64::from(from) + length) % 24.0;
-                        let hours = Subject::Hours(Schedule { from: f64::from(from), to, days });
+                        let hours = TermSubject::Hours(Schedule { from: f64::from(from), to, days });
                         let air = factors.iter().filter(|factor| **factor != Factor::Sun);
                         terms.extend(air.map(|factor| now(hours, *factor)));
                     }

@@ -60,8 +60,8 @@ impl Trial<'_> {
     }
 
     /// Brings the model to the least squares of its segments with a flow of about this size. A flow that has
-    /// passed through a mass is a channel here: a state of its own would start anew with every segment. `anew` asks for
-    /// fits from other starts as well.
+    /// passed through a mass is a channel here: a state of its own would start anew with every segment.
+    /// `anew` asks for fits from other starts as well.
     pub fn beside(
         &self,
         theta: &[f64],

@@ -5,7 +5,7 @@ use crate::data::Hold;
 
 /// What makes a term come and go.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Subject {
+pub(super) enum TermSubject {
     /// A channel, by its place in the stock.
     Channel(usize, Form),
     /// The sun.
@@ -37,12 +37,12 @@ pub(super) struct Schedule {
     /// To this one, which is earlier where midnight lies between.
     pub to: f64,
     /// On which days.
-    pub days: Days,
+    pub days: ScheduleDays,
 }
 
 /// On which days a schedule holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Days {
+pub(super) enum ScheduleDays {
     All,
     Working,
     Weekend,
@@ -73,7 +73,7 @@ pub(super) enum Memory {
 /// A term: `c * subject * factor`, into a state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Term {
-    pub subject: Subject,
+    pub subject: TermSubject,
     pub factor: Factor,
     pub memory: Memory,
     /// The state that it flows into, by its place in the model.
@@ -112,9 +112,9 @@ impl Form {
 impl Schedule {
     fn holds(self, hour: f64, weekday: f64) -> bool {
         let day = match self.days {
-            Days::All => true,
-            Days::Working => weekday < 5.5,
-            Days::Weekend => weekday > 5.5,
+            ScheduleDays::All => true,
+            ScheduleDays::Working => weekday < 5.5,
+            ScheduleDays::Weekend => weekday > 5.5,
         };
         let now = if self.from < self.to {
             self.from <= hour && hour < self.to
@@ -138,24 +138,24 @@ impl Term {
     /// How many choices it is made of, beyond a channel.
     pub fn choices(&self) -> usize {
         let form = match self.subject {
-            Subject::Channel(_, form) | Subject::Sun(form) => usize::from(form != Form::Plain),
-            Subject::Warm(_) => 1,
-            Subject::Hours(_) => 2,
+            TermSubject::Channel(_, form) | TermSubject::Sun(form) => usize::from(form != Form::Plain),
+            TermSubject::Warm(_) => 1,
+            TermSubject::Hours(_) => 2,
         };
         form + usize::from(self.factor != Factor::One) + usize::from(self.memory != Memory::None)
     }
 
     /// Of which kind it is, whatever its numbers: the best of each kind is worth a fit.
-    pub fn kind(&self) -> (Subject, Factor, Memory) {
+    pub fn kind(&self) -> (TermSubject, Factor, Memory) {
         let form = |form: Form| form.at(0.0);
         let subject = match self.subject {
-            Subject::Channel(place, of) => Subject::Channel(place, form(of)),
-            Subject::Sun(of) => Subject::Sun(form(of)),
-            Subject::Warm(_) => Subject::Warm(0.0),
-            Subject::Hours(Schedule { from, to, days }) => {
+            TermSubject::Channel(place, of) => TermSubject::Channel(place, form(of)),
+            TermSubject::Sun(of) => TermSubject::Sun(form(of)),
+            TermSubject::Warm(_) => TermSubject::Warm(0.0),
+            TermSubject::Hours(Schedule { from, to, days }) => {
                 // Short, half a day, longer.
                 let class = ((to - from).rem_euclid(24.0) / 6.0).floor().min(2.0);
-                Subject::Hours(Schedule { from: 0.0, to: class, days })
+                TermSubject::Hours(Schedule { from: 0.0, to: class, days })
             }
         };
         let memory = match self.memory {
@@ -169,24 +169,24 @@ impl Term {
     /// What it follows: a channel by its place, or one of the three others.
     pub fn reads(&self) -> (u8, usize) {
         match self.subject {
-            Subject::Channel(place, _) => (0, place),
-            Subject::Sun(_) => (1, 0),
-            Subject::Warm(_) => (2, 0),
-            Subject::Hours(_) => (3, 0),
+            TermSubject::Channel(place, _) => (0, place),
+            TermSubject::Sun(_) => (1, 0),
+            TermSubject::Warm(_) => (2, 0),
+            TermSubject::Hours(_) => (3, 0),
         }
     }
 
     /// Whether it follows the clock alone, and what the model reads already.
     pub fn is_by_clock(&self) -> bool {
-        matches!(self.subject, Subject::Hours(_))
+        matches!(self.subject, TermSubject::Hours(_))
     }
 
     /// Whether all that it reads is read by the model already.
     pub fn is_of_the_model(&self, stock: &Stock) -> bool {
         match self.subject {
-            Subject::Channel(place, _) => stock.channels[place].is_used,
-            Subject::Sun(_) => stock.sun.as_ref().is_some_and(|sun| sun.is_used),
-            Subject::Warm(_) | Subject::Hours(_) => true,
+            TermSubject::Channel(place, _) => stock.channels[place].is_used,
+            TermSubject::Sun(_) => stock.sun.as_ref().is_some_and(|sun| sun.is_used),
+            TermSubject::Warm(_) | TermSubject::Hours(_) => true,
         }
     }
 
@@ -197,12 +197,12 @@ impl Term {
             (self.later(stock, values, channel.hold), channel.hold)
         };
         let (values, hold) = match self.subject {
-            Subject::Channel(place, form) => formed(&stock.channels[place], form),
-            Subject::Sun(form) => formed(stock.sun.as_ref()?, form),
-            Subject::Warm(least) => {
+            TermSubject::Channel(place, form) => formed(&stock.channels[place], form),
+            TermSubject::Sun(form) => formed(stock.sun.as_ref()?, form),
+            TermSubject::Warm(least) => {
                 (warm.iter().map(|state| f64::from(*state > least)).collect(), Hold::ZeroOrder)
             }
-            Subject::Hours(schedule) => {
+            TermSubject::Hours(schedule) => {
                 let (hours, days) = stock.clock.as_ref()?;
                 let holds = hours.iter().zip(days).map(|(hour, day)| f64::from(schedule.holds(*hour, *day)));
                 (holds.collect(), Hold::ZeroOrder)
@@ -226,7 +226,7 @@ impl Term {
     /// Whether it flows by how much warmer its channel is than the state.
     pub fn is_a_difference(&self, stock: &Stock) -> bool {
         match self.subject {
-            Subject::Channel(place, Form::Plain) => stock.channels[place].is_warmth,
+            TermSubject::Channel(place, Form::Plain) => stock.channels[place].is_warmth,
             _ => false,
         }
     }

@@ -1,9 +1,9 @@
 //! The search, its parts and its documents, on synthetic rooms.
 
 use super::response::Responses;
-use super::search::Search;
+use super::search::TermSearch;
 use super::stock::Stock;
-use super::term::{Days, Factor, Form, Memory, Schedule, Subject, Term};
+use super::term::{Factor, Form, Memory, Schedule, ScheduleDays, Term, TermSubject};
 use super::{Proposals, ProposalsAsked, propose_knowing};
 use crate::data::{ColumnBindings, SplitRequest, Window};
 use crate::diagnose::library::EffectSource;
@@ -80,9 +80,9 @@ fn the_response_to_a_flow_is_what_the_simulation_does_with_it() {
     let stock = Stock::new(&problem, &grid);
     let samples = problem.split().train.clone();
     let look = Look::new(&problem, &theta, samples, RANKING_HOURS, &|| false).unwrap();
-    let search = Search::new(&problem, &stock, &look, 0, &|| false).unwrap();
+    let search = TermSearch::new(&problem, &stock, &look, 0, &|| false).unwrap();
     let place = stock.channels.iter().position(|channel| channel.name == "P_heater").unwrap();
-    let subject = Subject::Channel(place, Form::Plain);
+    let subject = TermSubject::Channel(place, Form::Plain);
     let term = Term { subject, factor: Factor::One, memory: Memory::None, into: 0 };
     let ours = look.rest(search.raw(&term).unwrap());
     let source = EffectSource::new(&catalogue, &problem, &window, &site).unwrap();
@@ -109,16 +109,16 @@ fn terms_are_what_they_say() {
     };
     let place = stock.channels.iter().position(|channel| channel.name == "P_heater").unwrap();
     let values = &stock.channels[place].values;
-    let above = series(Subject::Channel(place, Form::Above(0.5)), Memory::None);
+    let above = series(TermSubject::Channel(place, Form::Above(0.5)), Memory::None);
     let expected: Vec<f64> = values.iter().map(|kw| (kw - 0.5).max(0.0)).collect();
     assert_eq!(above, expected);
-    let late = series(Subject::Channel(place, Form::Plain), Memory::Delay(1.0));
+    let late = series(TermSubject::Channel(place, Form::Plain), Memory::Delay(1.0));
     assert_eq!(late[4..], values[..values.len() - 4]);
     // What passes a mass comes through in the end: the sums are the same but for what is still in it.
-    let lagged = series(Subject::Channel(place, Form::Plain), Memory::Lag(2.0));
+    let lagged = series(TermSubject::Channel(place, Form::Plain), Memory::Lag(2.0));
     let sum = |series: &[f64]| series.iter().sum::<f64>();
     assert!((sum(&lagged) - sum(values)).abs() < 0.02 * sum(values));
-    let hours = Subject::Hours(Schedule { from: 22.0, to: 6.0, days: Days::All });
+    let hours = TermSubject::Hours(Schedule { from: 22.0, to: 6.0, days: ScheduleDays::All });
     let night = sum(&series(hours, Memory::None)) / grid.len() as f64;
     assert!((night - 1.0 / 3.0).abs() < 0.01, "{night}");
 }
