@@ -18,6 +18,7 @@
 //! `lampyris bench diagnose`, `real` and `missing-heat` measure all of it, on synthetic rooms and real ones.
 
 mod acceptance;
+pub mod change;
 mod chosen;
 pub mod course;
 mod effort;

@@ -46,6 +46,19 @@ pub struct WorldRequest {
     pub days: usize,
     /// Minutes between samples, a multiple of three.
     pub step_minutes: usize,
+    /// A parameter that is another one from a day on; `None` where nothing changes.
+    pub change: Option<ChangedParameter>,
+}
+
+/// A parameter of a world that changes once.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChangedParameter {
+    /// Its name in the base model.
+    pub parameter: String,
+    /// The day of the window with whose beginning it changes.
+    pub day: usize,
+    /// What it is multiplied by.
+    pub factor: f64,
 }
 
 impl WorldRequest {
@@ -57,6 +70,7 @@ impl WorldRequest {
             level,
             days: 28,
             step_minutes: 15,
+            change: None,
         }
     }
 }
@@ -114,12 +128,15 @@ type State = [f64; 6];
 
 struct Room {
     rates: Rates,
+    /// From a step on they are others.
+    later: Option<(usize, Rates)>,
     level: Level,
     climate: Climate,
     /// Household heat in K/h per step.
     heat: Vec<f64>,
 }
 
+#[derive(Clone)]
 struct Rates {
     h: f64,
     e: f64,
@@ -154,7 +171,9 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let household_heat = dice.between(0.02, 0.10);
     let memory = dice.between(0.5, 3.0) / HOURS;
     let heat = dice.wander(steps, household_heat, memory);
-    let room = Room { rates: rates(&mut dice), level: request.level, climate, heat };
+    let rates = rates(&mut dice);
+    let later = request.change.as_ref().map(|change| rates.changed(change)).transpose()?;
+    let room = Room { rates, later, level: request.level, climate, heat };
     let bare = shown(&room.states(&[]), &[]);
     let mut hidden = Vec::new();
     let mut effects = Vec::new();
@@ -221,6 +240,24 @@ fn rates(dice: &mut Dice) -> Rates {
 }
 
 impl Rates {
+    /// What they are when one has changed, and from which step on.
+    fn changed(&self, change: &ChangedParameter) -> Result<(usize, Self), Fault> {
+        let mut later = self.clone();
+        let value = match change.parameter.as_str() {
+            "alpha_h" => &mut later.h,
+            "alpha_e" => &mut later.e,
+            "alpha_w" => &mut later.w,
+            "alpha_a" => &mut later.a,
+            "alpha_s" => &mut later.s,
+            other => {
+                let detail = format!("no twin can change `{other}` on a day");
+                return Err(Fault::new("/change", "unknown-parameter", detail));
+            }
+        };
+        *value *= change.factor;
+        Ok(((WARM_UP_DAYS + change.day) * STEPS_PER_DAY, later))
+    }
+
     /// By the names of the base model.
     fn parameters(&self) -> Vec<(String, f64)> {
         let named = [
@@ -287,7 +324,11 @@ impl Room {
 
     /// The derivative per hour, `part` of the way from step `k` to the next.
     fn slope(&self, x: &State, k: usize, part: f64, hidden: &[Hidden]) -> State {
-        let (rates, climate) = (&self.rates, &self.climate);
+        let climate = &self.climate;
+        let rates = match &self.later {
+            Some((from, later)) if k >= *from => later,
+            _ => &self.rates,
+        };
         let line = |series: &[f64]| series[k] + part * (series[k + 1] - series[k]);
         let [room, floor, envelope, furniture, wall, sensor] = *x;
         let (out, mut forward) = (line(&climate.out), line(&climate.forward));
