@@ -13,9 +13,11 @@
 //! writes the finding; `course` tells how far that has come, `size`
 //! how large a finding is. `present` asks whether a window still shows what the model has already, `ledger`
 //! adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left
-//! by hour of the day, `missing_heat` what flows unseen at every hour, `evidence` lays the error beside an
-//! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests.
-//! `lampyris bench diagnose`, `real` and `missing-heat` measure all of it, on synthetic rooms and real ones.
+//! by hour of the day, `missing_heat` what flows unseen at every hour, `change` since when a parameter is
+//! another one, `evidence` lays the error beside an effect's shape, `ladder` adds effects one after another,
+//! `nested` by likelihood-ratio tests.
+//! `lampyris bench diagnose`, `real`, `missing-heat` and `change` measure all of it, on synthetic rooms and
+//! real ones.
 
 mod acceptance;
 pub mod change;

@@ -20,8 +20,9 @@ mod whitened;
 use super::missing_heat::shown;
 use crate::data::{DAY, rfc3339};
 use crate::estimate::Problem;
+use crate::estimate::fit::parameter_change::ParameterChange;
 use crate::fault::Fault;
-use crate::model::Scale;
+use crate::model::{Parameter, Scale};
 use scan::{Scan, Step};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -38,6 +39,10 @@ pub const WINDOW_DAYS: usize = 42;
 const SINCE_FALL: f64 = 3.84;
 /// A parameter is told beside another where that is less than twenty times as likely.
 const INSTEAD_FALL: f64 = 6.0;
+/// How often the model is linearised anew at most, and the gain in the logarithm of the likelihood that is
+/// worth another time.
+const ROUNDS: usize = 4;
+const GAIN: f64 = 0.5;
 /// Deviations of an interval of 95 %.
 const NORMAL_95: f64 = 1.96;
 
@@ -59,46 +64,41 @@ pub struct ParameterChanges {
     pub sentence: String,
 }
 
-/// A parameter that is another one since a day.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ParameterChange {
-    /// Its name.
-    pub parameter: String,
-    /// Its title, for people.
-    pub title: String,
-    /// Its unit.
-    pub unit: String,
-    /// The likeliest day with whose beginning it changed (UTC).
-    pub since: String,
-    /// The days between which it did, at 95 %.
-    pub since_95: [String; 2],
-    /// Its value before, about.
-    pub before: f64,
-    /// Its value since.
-    pub after: f64,
-    /// The interval of 95 % of the value since, with the one before as it is.
-    pub after_95: [f64; 2],
-    /// By how much, in deviations.
-    pub z: f64,
-    /// Parameters that would explain nearly as much.
-    pub instead: Vec<String>,
-}
-
 /// A record in which changes are looked for.
 pub struct ChangeRecord<'a> {
     problem: &'a Problem,
-    theta: &'a [f64],
+    theta: Vec<f64>,
     whitened: Whitened,
     scan: Scan,
 }
 
-/// What the record of a problem says of parameters that change, at these parameters.
+/// What the record of a problem says of parameters that change, along those near these that are likeliest.
 ///
 /// # Errors
 /// As [`ChangeRecord::new`].
 pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fault> {
-    let record = ChangeRecord::new(problem, theta, usize::MAX)?;
+    let theta = settled(problem, theta)?;
+    let record = ChangeRecord::new(problem, &theta, usize::MAX)?;
     Ok(record.changes(0..record.days()))
+}
+
+/// The likeliest parameters of a record near others, whatever changes in it: by the method of scoring, as long
+/// as that makes the record likelier. A fit of free runs lies anywhere on its ridges, and the trace of one
+/// parameter would be laid to another there.
+///
+/// # Errors
+/// As [`ChangeRecord::new`].
+pub fn settled(problem: &Problem, theta: &[f64]) -> Result<Vec<f64>, Fault> {
+    let mut record = ChangeRecord::new(problem, theta, usize::MAX)?;
+    for _ in 0..ROUNDS {
+        let Some(next) = record.nearer() else { break };
+        let Ok(there) = ChangeRecord::new(problem, &next, usize::MAX) else { break };
+        if there.whitened.likelihood < record.whitened.likelihood + GAIN {
+            break;
+        }
+        record = there;
+    }
+    Ok(record.theta)
 }
 
 impl<'a> ChangeRecord<'a> {
@@ -107,7 +107,7 @@ impl<'a> ChangeRecord<'a> {
     /// # Errors
     /// A fault of a model that has no filter, of one no output of which shows a state, and where the numbers
     /// are left.
-    pub fn new(problem: &'a Problem, theta: &'a [f64], longest: usize) -> Result<Self, Fault> {
+    pub fn new(problem: &'a Problem, theta: &[f64], longest: usize) -> Result<Self, Fault> {
         let cannot = |why: &str| Fault::new("/model", "no-changes", why);
         if let Some(why) = problem.predictor().lacks_filter_for("what changes") {
             return Err(cannot(&why));
@@ -119,7 +119,7 @@ impl<'a> ChangeRecord<'a> {
         let whitened = Whitened::new(problem, theta, output, state)
             .ok_or_else(|| cannot("the model leaves the numbers on this record"))?;
         let scan = Scan::new(&whitened, longest.min(whitened.days()));
-        Ok(Self { problem, theta, whitened, scan })
+        Ok(Self { problem, theta: theta.to_vec(), whitened, scan })
     }
 
     /// How many days it has, the first and the last of which may be short.
@@ -149,6 +149,20 @@ impl<'a> ChangeRecord<'a> {
         }
     }
 
+    /// The parameters where the record asks for them, within their bounds and reaches.
+    fn nearer(&self) -> Option<Vec<f64>> {
+        let apart = self.scan.apart(THRESHOLD)?;
+        let mut theta = self.theta.clone();
+        for (place, index) in self.whitened.parameters.iter().enumerate() {
+            let reach = self.whitened.reaches[place];
+            let [lower, upper] = self.problem.bounds()[*index];
+            let parameter = &self.problem.model().parameters()[*index];
+            theta[*index] =
+                moved(parameter, theta[*index], apart[place].clamp(-reach, reach)).clamp(lower, upper);
+        }
+        Some(theta)
+    }
+
     /// A day of the record, as it is written.
     fn day(&self, day: usize) -> String {
         rfc3339((self.whitened.first_day + day as i64) * DAY)
@@ -166,13 +180,9 @@ impl<'a> ChangeRecord<'a> {
             near(INSTEAD_FALL).map(|other| other.place).filter(|place| *place != step.place).collect();
         instead.sort_unstable();
         instead.dedup();
-        let name = |place: usize| {
-            self.problem.model().parameters()[self.whitened.parameters[place]].name.clone()
-        };
-        let moved = |from: f64, by: f64| match parameter.scale {
-            Scale::Log => from * by.exp(),
-            Scale::Linear => from + by,
-        };
+        let name =
+            |place: usize| self.problem.model().parameters()[self.whitened.parameters[place]].name.clone();
+        let moved = |from: f64, by: f64| moved(parameter, from, by);
         let before = moved(self.theta[index], step.before);
         let reach = NORMAL_95 * step.deviation;
         ParameterChange {
@@ -190,32 +200,10 @@ impl<'a> ChangeRecord<'a> {
     }
 }
 
-impl ParameterChange {
-    /// What it says, in a plain sentence.
-    pub fn sentence(&self) -> String {
-        let day = |instant: &str| instant.chars().take(10).collect::<String>();
-        let what = if self.title.is_empty() {
-            format!("`{}`", self.parameter)
-        } else {
-            format!("{} (`{}`)", self.title, self.parameter)
-        };
-        let share = |value: f64| (100.0 * (value / self.before - 1.0)).round();
-        let [low, high] = self.after_95.map(share);
-        let since = match &self.since_95 {
-            [first, last] if first == last => String::new(),
-            [first, last] => format!(" (between {} and {})", day(first), day(last)),
-        };
-        let by = if self.before > 0.0 && self.unit != "degC" {
-            let word = if self.after > self.before { "more" } else { "less" };
-            let (low, high) = if self.after > self.before { (low, high) } else { (-high, -low) };
-            format!("is about {} % {word} than before ({low} to {high} %)", share(self.after).abs())
-        } else {
-            format!("went from about {:.2} to {:.2} {}", self.before, self.after, self.unit)
-        };
-        let or = match self.instead.as_slice() {
-            [] => String::new(),
-            others => format!(" It may as well be {}.", others.join(" or ")),
-        };
-        format!("Since {}{since}, {what} {by}.{or}", day(&self.since))
+/// A parameter moved by so much of what its change is counted in.
+fn moved(parameter: &Parameter, from: f64, by: f64) -> f64 {
+    match parameter.scale {
+        Scale::Log => from * by.exp(),
+        Scale::Linear => from + by,
     }
 }

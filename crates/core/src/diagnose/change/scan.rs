@@ -100,6 +100,18 @@ impl Scan {
         }
     }
 
+    /// How far each parameter is from where the model was linearised, by all days: beside the step that is
+    /// told best, if any is of `threshold` deviations.
+    pub fn apart(&self, threshold: f64) -> Option<DVector<f64>> {
+        let known = Known::of(self, 0..self.throughout.len())?;
+        let steps = self.steps(0..self.throughout.len(), threshold);
+        let best = steps.iter().max_by(|one, other| one.z().abs().total_cmp(&other.z().abs()));
+        match best.filter(|step| step.z().abs() >= threshold) {
+            Some(step) => known.beside(self, step.place, step.day).map(|beside| beside.apart),
+            None => Some(known.apart),
+        }
+    }
+
     /// Every parameter that may have changed on every day of a stretch of days, and could be told within it:
     /// a change as large as its reach would be of `threshold` deviations.
     pub fn steps(&self, days: Range<usize>, threshold: f64) -> Vec<Step> {
@@ -124,6 +136,13 @@ struct Known {
     alone: Vec<DVector<f64>>,
 }
 
+/// A change by its size, what is left of its squares, and how far the parameters are apart beside it.
+struct Beside {
+    size: f64,
+    left: f64,
+    apart: DVector<f64>,
+}
+
 impl Known {
     fn of(scan: &Scan, days: Range<usize>) -> Option<Self> {
         let places = scan.reaches.len();
@@ -139,8 +158,8 @@ impl Known {
         Some(Self { days, apart: normal.solve(&with), normal, alone })
     }
 
-    /// What the stretch says of a parameter that changes on a day.
-    fn step(&self, scan: &Scan, place: usize, day: usize) -> Option<Step> {
+    /// What the stretch says of the size of a parameter's change on a day, and of all parameters beside it.
+    fn beside(&self, scan: &Scan, place: usize, day: usize) -> Option<Beside> {
         let changing = &scan.changing[day][place][..self.days.end - day];
         let mut beside = DVector::zeros(scan.reaches.len());
         let (mut with, mut square) = (0.0, 0.0);
@@ -155,7 +174,13 @@ impl Known {
             return None;
         }
         let size = (with - beside.dot(&self.apart)) / left;
-        let apart = &self.apart - size * &taken;
+        Some(Beside { size, left, apart: &self.apart - size * &taken })
+    }
+
+    /// A step with its deviation.
+    fn step(&self, scan: &Scan, place: usize, day: usize) -> Option<Step> {
+        let Beside { size, left, apart } = self.beside(scan, place, day)?;
+        let changing = &scan.changing[day][place];
         // Innovations should be of deviation one, and no two lean on each other. How far they are from that,
         // in the direction of this parameter, its scores by days say, of all days and without the change.
         let alone = &self.alone[place];

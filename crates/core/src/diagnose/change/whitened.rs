@@ -8,7 +8,7 @@
 
 use crate::data::DAY;
 use crate::diagnose::missing_heat::record::{LinearRecord, MissingHeatAsked};
-use crate::diagnose::missing_heat::smoother::{likeliest, passed};
+use crate::diagnose::missing_heat::smoother::{self, likeliest, passed};
 use crate::estimate::Problem;
 use crate::estimate::assess::metrics::filter;
 use crate::model::{Initial, Model, Scale};
@@ -61,6 +61,8 @@ pub(super) struct Whitened {
     first_row: Vec<usize>,
     /// The day since 1970 of the first sample.
     pub first_day: i64,
+    /// The logarithm of the likelihood of the record, without its constant.
+    pub likelihood: f64,
 }
 
 /// The free parameters that are no starts of states.
@@ -88,6 +90,7 @@ impl Whitened {
         let record = LinearRecord::new(&asked, &along)?;
         let begin = asked.begin();
         let guess = likeliest(&record, begin, begin, problem.brake());
+        let likelihood = smoother::likelihood(&record, guess);
         // What is summed up over an hour for the missing heat plays no part.
         let width = record.width() - 1;
         let mut innovations = Vec::new();
@@ -161,7 +164,18 @@ impl Whitened {
             }
             days[at].end = k + 1;
         }
-        Some(Self { samples, width, pushes, parameters, reaches, innovations, days, first_row, first_day })
+        Some(Self {
+            samples,
+            width,
+            pushes,
+            parameters,
+            reaches,
+            innovations,
+            days,
+            first_row,
+            first_day,
+            likelihood,
+        })
     }
 
     /// How many days the record has.

@@ -48,7 +48,7 @@ pub(in crate::diagnose) struct Sample {
 }
 
 /// The logarithm of the likelihood of the record, without its constant.
-pub(super) fn likelihood(record: &LinearRecord, guess: Guess) -> f64 {
+pub(in crate::diagnose) fn likelihood(record: &LinearRecord, guess: Guess) -> f64 {
     filter(record, guess, None)
 }
 
@@ -90,7 +90,12 @@ pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
 
 /// The likeliest guess, by a search along one axis of the logarithms after the other. `begin` is where it
 /// begins, `middle` what the bounds are of.
-pub(in crate::diagnose) fn likeliest(record: &LinearRecord, begin: Guess, middle: Guess, brake: &Brake) -> Guess {
+pub(in crate::diagnose) fn likeliest(
+    record: &LinearRecord,
+    begin: Guess,
+    middle: Guess,
+    brake: &Brake,
+) -> Guess {
     let within = |value: f64, of: f64, [low, high]: [f64; 2]| value.clamp(low * of, high * of);
     let moves = [
         |guess: Guess, by: f64| Guess { sensor: guess.sensor * by, ..guess },
