@@ -1,6 +1,7 @@
 //! Since when a parameter is another one, by the newest weeks of a record.
 
 use crate::support::TestApp;
+use crate::support::events::Told;
 use crate::support::rooms::{csv_of, room_that_changes};
 use crate::support::schema::disagreements;
 use serde_json::{Value, json};
@@ -43,4 +44,32 @@ fn a_room_that_loses_more_heat_says_since_when() {
     assert_eq!(app.get_with(PATH, &[("if-none-match", &tag)]).status, 304);
 
     app.get("/systems/room/9/changes").problem(404, "system-not-found");
+}
+
+#[test]
+fn the_first_scheduled_fit_that_sees_a_change_tells_it_once() {
+    let app = TestApp::at("2026-02-12T00:00:00Z", |_| {});
+    app.json("PUT", "/systems/room/1", &json!({"model": "rc2", "fixed": {"alpha_e": 0.8}})).expect(201);
+    app.csv("/systems/room/1/windows", &losing(0..42, 32, 0.2)).expect(201);
+    let mut stream = app.listen("/events", "");
+    let night = |seed: u64| {
+        // An equal job would be the same one.
+        let request = json!({"method": {"name": "lm_multistart", "seed": seed}});
+        let schedule = json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": request});
+        app.json("PUT", "/schedules/nightly", &schedule).expect(200);
+        let batch = app.post("/schedules/nightly/run").expect(202).json();
+        app.ended(batch["jobs"][0]["job"].as_str().unwrap())["fit"].clone()
+    };
+    let fits = [night(1), night(2)];
+    for fit in &fits {
+        let fit = app.get(&format!("/fits/{}", fit.as_str().unwrap())).expect(200).json();
+        assert_eq!(fit["changed"]["parameter"], "alpha_a", "{}", fit["changed"]);
+    }
+    // Somebody's own job says nothing, and ends behind all that was told.
+    let last = app.estimate("room/1", json!({"method": {"name": "lm_multistart", "seed": 3}}));
+    let told = stream.until(|told| told.event == "finished" && told.data["id"] == json!(last));
+    let changed: Vec<&Told> = told.iter().filter(|told| told.event == "changed").collect();
+    assert_eq!(changed.len(), 1, "{changed:?}");
+    assert_eq!((&changed[0].data["system"], &changed[0].data["fit"]), (&json!("room/1"), &fits[0]));
+    assert!(changed[0].data["sentence"].as_str().unwrap().starts_with("Since 2026-02-0"), "{changed:?}");
 }
