@@ -51,7 +51,7 @@ struct Told {
     /// Whether the parameter is the one, and whether it is told at least beside another.
     is_right: bool,
     is_among: bool,
-    /// Days between the truth and the likeliest day, and whether the truth lies between the days that are told.
+    /// Days between the truth and the likeliest day, and whether the truth lies between the days told.
     days_off: f64,
     holds_day: bool,
     /// Whether the interval of the size holds the truth.

@@ -65,8 +65,8 @@ enum Study {
     Diagnose(Worlds),
     /// Whether what is missing hour by hour holds what was hidden, on synthetic rooms of three weeks.
     MissingHeat(Worlds),
-    /// How soon and how rightly a parameter that changes is told, night by night, and how often one is told that
-    /// has not: of five synthetic rooms one is quiet for a year.
+    /// How soon and how rightly a parameter that changes is told, night by night, and how often one is told
+    /// that has not: of five synthetic rooms one is quiet for a year.
     Change(Worlds),
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
     /// days.

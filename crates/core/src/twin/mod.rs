@@ -15,6 +15,7 @@ pub mod noisy;
 pub mod plant;
 pub mod plant_world;
 mod price;
+mod rates;
 pub mod room;
 pub mod world;
 
@@ -22,5 +23,6 @@ pub use hidden::{CATALOGUED, STRANGE};
 pub use house::{HouseRequest, HouseTwin, RoomTruth, house};
 pub use noisy::{NoisyTwin, noisy};
 pub use plant::{PlantRequest, PlantTwin, plant};
+pub use rates::ChangedParameter;
 pub use room::{RoomTwin, room};
-pub use world::{ChangedParameter, HiddenEffect, Level, Truth, World, WorldRequest, world};
+pub use world::{HiddenEffect, Level, Truth, World, WorldRequest, world};

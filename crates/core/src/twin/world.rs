@@ -4,6 +4,7 @@
 use super::climate::{Climate, NEIGHBOURS, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
 use super::hidden::{Hidden, Kind};
+use super::rates::{ChangedParameter, Rates};
 use crate::data::rfc3339;
 use crate::data::{DAY, MINUTE, SECOND};
 use crate::fault::Fault;
@@ -48,17 +49,6 @@ pub struct WorldRequest {
     pub step_minutes: usize,
     /// A parameter that is another one from a day on; `None` where nothing changes.
     pub change: Option<ChangedParameter>,
-}
-
-/// A parameter of a world that changes once.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ChangedParameter {
-    /// Its name in the base model.
-    pub parameter: String,
-    /// The day of the window with whose beginning it changes.
-    pub day: usize,
-    /// What it is multiplied by.
-    pub factor: f64,
 }
 
 impl WorldRequest {
@@ -136,22 +126,6 @@ struct Room {
     heat: Vec<f64>,
 }
 
-#[derive(Clone)]
-struct Rates {
-    h: f64,
-    e: f64,
-    w: f64,
-    a: f64,
-    s: f64,
-    n: [f64; NEIGHBOURS],
-    floor: f64,
-    envelope: f64,
-    k: f64,
-    t_set: f64,
-    furniture: (f64, f64),
-    wall: (f64, f64),
-}
-
 /// Makes a world.
 ///
 /// # Errors
@@ -171,8 +145,12 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let household_heat = dice.between(0.02, 0.10);
     let memory = dice.between(0.5, 3.0) / HOURS;
     let heat = dice.wander(steps, household_heat, memory);
-    let rates = rates(&mut dice);
-    let later = request.change.as_ref().map(|change| rates.changed(change)).transpose()?;
+    let rates = Rates::new(&mut dice);
+    let first_day = WARM_UP_DAYS * STEPS_PER_DAY;
+    let later = |change: &ChangedParameter| {
+        Ok::<_, Fault>((first_day + change.day * STEPS_PER_DAY, rates.changed(change)?))
+    };
+    let later = request.change.as_ref().map(later).transpose()?;
     let room = Room { rates, later, level: request.level, climate, heat };
     let bare = shown(&room.states(&[]), &[]);
     let mut hidden = Vec::new();
@@ -220,60 +198,6 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let hidden_heat = by_sample(&|k| air(k, &hidden) - air(k, &[]));
     let parameters = room.rates.parameters();
     Ok(World { csv, neighbours, truth, parameters, household, hidden_heat })
-}
-
-fn rates(dice: &mut Dice) -> Rates {
-    Rates {
-        h: dice.log_between(0.1, 1.0),
-        e: dice.log_between(0.1, 1.5),
-        w: dice.log_between(0.3, 2.0),
-        a: dice.log_between(0.01, 0.2),
-        s: dice.log_between(0.1, 1.5),
-        n: std::array::from_fn(|_| dice.log_between(0.01, 0.2)),
-        floor: dice.log_between(2.0, 15.0),
-        envelope: dice.log_between(3.0, 20.0),
-        k: dice.between(1.0, 6.0),
-        t_set: dice.between(20.0, 22.5),
-        furniture: (dice.log_between(0.2, 1.0), dice.log_between(0.5, 3.0)),
-        wall: (dice.log_between(0.02, 0.2), dice.log_between(0.5, 3.0)),
-    }
-}
-
-impl Rates {
-    /// What they are when one has changed, and from which step on.
-    fn changed(&self, change: &ChangedParameter) -> Result<(usize, Self), Fault> {
-        let mut later = self.clone();
-        let value = match change.parameter.as_str() {
-            "alpha_h" => &mut later.h,
-            "alpha_e" => &mut later.e,
-            "alpha_w" => &mut later.w,
-            "alpha_a" => &mut later.a,
-            "alpha_s" => &mut later.s,
-            other => {
-                let detail = format!("no twin can change `{other}` on a day");
-                return Err(Fault::new("/change", "unknown-parameter", detail));
-            }
-        };
-        *value *= change.factor;
-        Ok(((WARM_UP_DAYS + change.day) * STEPS_PER_DAY, later))
-    }
-
-    /// By the names of the base model.
-    fn parameters(&self) -> Vec<(String, f64)> {
-        let named = [
-            ("alpha_h", self.h),
-            ("alpha_e", self.e),
-            ("alpha_w", self.w),
-            ("alpha_a", self.a),
-            ("alpha_s", self.s),
-            ("beta_h", self.floor),
-            ("beta_he", self.envelope),
-            ("k", self.k),
-            ("T_set", self.t_set),
-        ];
-        let neighbours = self.n.iter().zip(1..).map(|(n, number)| (format!("alpha_n[{number}]"), *n));
-        named.into_iter().map(|(name, value)| (name.to_owned(), value)).chain(neighbours).collect()
-    }
 }
 
 impl Room {

@@ -200,9 +200,9 @@ async fn get_job_events(
 ///
 /// Of jobs, the events of `/jobs/{id}/events`. `params` says that `/params` answers something else than
 /// before: a set was published, or its status has turned. `state` says that `/state` does.
-/// `changed` says that a scheduled fit was the first to see that a parameter is another one. A first connection
-/// is told which jobs run; one that has missed more than is kept is told `params` and `state` of every
-/// system.
+/// `changed` says that a scheduled fit was the first to see that a parameter is another one. A first
+/// connection is told which jobs run; one that has missed more than is kept is told `params` and `state` of
+/// every system.
 #[utoipa::path(
     get,
     path = "/events",

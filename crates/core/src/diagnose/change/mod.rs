@@ -82,9 +82,9 @@ pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fau
     Ok(record.changes(0..record.days()))
 }
 
-/// The likeliest parameters of a record near others, whatever changes in it: by the method of scoring, as long
-/// as that makes the record likelier. A fit of free runs lies anywhere on its ridges, and the trace of one
-/// parameter would be laid to another there.
+/// The likeliest parameters of a record near others, whatever changes in it: by the method of scoring, as
+/// long as that makes the record likelier. A fit of free runs lies anywhere on its ridges, and the trace of
+/// one parameter would be laid to another there.
 ///
 /// # Errors
 /// As [`ChangeRecord::new`].

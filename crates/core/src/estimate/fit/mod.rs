@@ -205,8 +205,8 @@ pub struct Fit {
     /// of versions that did not look.
     #[serde(default)]
     pub worst_regime: Option<String>,
-    /// A parameter that has changed within the weeks before, where nobody asked for the fit; `None` where none
-    /// has, or nobody looked.
+    /// A parameter that has changed within the weeks before, where nobody asked for the fit; `None` where
+    /// none has, or nobody looked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub changed: Option<ParameterChange>,
     /// What a user should know: bounds, correlations, parts dropped, weak convergence.
