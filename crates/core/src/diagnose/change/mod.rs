@@ -77,8 +77,7 @@ pub struct ChangeRecord<'a> {
 /// # Errors
 /// As [`ChangeRecord::new`].
 pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fault> {
-    let theta = settled(problem, theta)?;
-    let record = ChangeRecord::new(problem, &theta, usize::MAX)?;
+    let record = ChangeRecord::likeliest(problem, theta)?;
     Ok(record.changes(0..record.days()))
 }
 
@@ -89,16 +88,7 @@ pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fau
 /// # Errors
 /// As [`ChangeRecord::new`].
 pub fn settled(problem: &Problem, theta: &[f64]) -> Result<Vec<f64>, Fault> {
-    let mut record = ChangeRecord::new(problem, theta, usize::MAX)?;
-    for _ in 0..ROUNDS {
-        let Some(next) = record.nearer() else { break };
-        let Ok(there) = ChangeRecord::new(problem, &next, usize::MAX) else { break };
-        if there.whitened.likelihood < record.whitened.likelihood + GAIN {
-            break;
-        }
-        record = there;
-    }
-    Ok(record.theta)
+    Ok(ChangeRecord::likeliest(problem, theta)?.theta)
 }
 
 impl<'a> ChangeRecord<'a> {
@@ -120,6 +110,20 @@ impl<'a> ChangeRecord<'a> {
             .ok_or_else(|| cannot("the model leaves the numbers on this record"))?;
         let scan = Scan::new(&whitened, longest.min(whitened.days()));
         Ok(Self { problem, theta: theta.to_vec(), whitened, scan })
+    }
+
+    /// A record along the likeliest parameters near others.
+    fn likeliest(problem: &'a Problem, theta: &[f64]) -> Result<Self, Fault> {
+        let mut record = Self::new(problem, theta, usize::MAX)?;
+        for _ in 0..ROUNDS {
+            let Some(next) = record.nearer() else { break };
+            let Ok(there) = Self::new(problem, &next, usize::MAX) else { break };
+            if there.whitened.likelihood < record.whitened.likelihood + GAIN {
+                break;
+            }
+            record = there;
+        }
+        Ok(record)
     }
 
     /// How many days it has, the first and the last of which may be short.
