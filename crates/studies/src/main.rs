@@ -1,6 +1,7 @@
 //! `lampyris bench`: what this build does on this machine, every ratio within one run.
 
 mod ablation;
+mod change;
 mod charts;
 mod complexity;
 mod control;
@@ -67,6 +68,9 @@ enum Study {
     MissingHeat(Worlds),
     /// Whether the terms that are proposed are what was hidden, on synthetic rooms of four weeks.
     Proposals(Worlds),
+    /// How soon and how rightly a parameter that changes is told, night by night, and how often one is told
+    /// that has not: of five synthetic rooms one is quiet for a year.
+    Change(Worlds),
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
     /// days.
     Real(real::Arguments),
@@ -108,6 +112,7 @@ impl Study {
             Self::Diagnose(asked) => ("diagnose", Some(asked.first.seed)),
             Self::MissingHeat(asked) => ("missing-heat", Some(asked.first.seed)),
             Self::Proposals(asked) => ("proposals", Some(asked.first.seed)),
+            Self::Change(asked) => ("change", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
@@ -191,6 +196,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::Diagnose(asked) => diagnose::run(asked)?,
         Study::MissingHeat(asked) => missing_heat::run(asked)?,
         Study::Proposals(asked) => proposals::run(asked)?,
+        Study::Change(asked) => change::run(asked)?,
         Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };
     if as_json {

@@ -2,6 +2,7 @@
 import { html, useState } from '../html.js';
 import { useResource, useList, put, remove } from '../api.js';
 import { REPORT } from '../carried.js';
+import { useAfterJobs } from '../events.js';
 import { setQuery } from '../router.js';
 import { say, sayFault } from '../say.js';
 import { number, fixed, clock, words, checkOf, operator, plainly, sentence, titleFor, unitOf, NONE } from '../format.js';
@@ -23,6 +24,8 @@ import { States } from './states.js';
 export function Parameters({ system, document, params, fit, reload }) {
   const chosen = useResource(fit && `/fits/${fit}`);
   const history = useList(`/params/${system}/history`);
+  const changes = useResource(params && !REPORT ? `/systems/${system}/changes` : null);
+  useAfterJobs(system, changes);
   const [asking, setAsking] = useState(null);
   const done = () => {
     reload();
@@ -32,8 +35,9 @@ export function Parameters({ system, document, params, fit, reload }) {
   if (!fit) return html`<${Empty} title="Never fitted"><p>There are no parameters yet. Press Refit.</p></${Empty}>`;
   return html`
     <${Served} params=${params} ask=${setAsking} system=${system} done=${done} />
+    ${changes.data?.change && html`<p class="note"><${Term} of="change">Changed</${Term}>: ${changes.data.sentence}</p>`}
     <${Shown} of=${chosen} what="the fit" show=${data => html`
-      <${Values} fit=${data} history=${history.data ?? []} />
+      <${Values} fit=${data} history=${history.data ?? []} change=${changes.data?.change} />
       ${!REPORT && html`<${Mathematics} fit=${data} />`}
       <${Likelihood} fit=${data} />
       <${Judgement} fit=${data} ask=${setAsking} done=${done} />`} />
@@ -73,7 +77,7 @@ function Served({ params, ask: asking, system, done }) {
   </section>`;
 }
 
-export function Values({ fit, history }) {
+export function Values({ fit, history, change }) {
   const { titles, scaleOf } = useParameters(fit.model);
   const before = history.find(revision => revision.fit !== fit.id)?.parameters ?? {};
   const entries = Object.entries(fit.parameters);
@@ -98,7 +102,7 @@ export function Values({ fit, history }) {
         ...(history.length
           ? [
               before[name] === undefined ? NONE : `${entry.value >= before[name] ? '+' : '−'}${number(Math.abs(entry.value - before[name]))} ${unitOf(entry.unit)}`,
-              html`<${OfRevisions} name=${name} history=${history} unit=${entry.unit} />`,
+              html`<${OfRevisions} name=${name} history=${history} unit=${entry.unit} since=${change?.parameter === name ? change.since : null} />`,
             ]
           : []),
       ])} />
@@ -116,14 +120,17 @@ function Mathematics({ fit }) {
 }
 
 /** A parameter over the revisions, in its cell; the chart opens. */
-function OfRevisions({ name, history, unit }) {
+function OfRevisions({ name, history, unit, since }) {
   const points = history
     .filter(revision => revision.parameters[name] !== undefined)
     .map(revision => [revision.revision, revision.parameters[name], revision.ci95[name]]);
   if (points.length < 2) return html`<span class="quiet">one revision</span>`;
+  // The first revision that had seen days behind the change.
+  const seen = since ? history.filter(revision => Date.parse(revision.to) > Date.parse(since)).map(revision => revision.revision) : [];
+  const peaks = seen.length > 0 ? [{ x: Math.min(...seen), text: `since ${since.slice(0, 10)}` }] : [];
   const bound = at => points.filter(([, , ci]) => ci).map(([revision, , ci]) => [revision, ci[at]]);
   return html`<details><summary>${points.length} revisions</summary>
-    <${Curve} height=${130} xLabel="revision" yLabel=${unit} label=${`${name} over ${points.length} revisions`} lines=${[
+    <${Curve} height=${130} xLabel="revision" yLabel=${unit} label=${`${name} over ${points.length} revisions`} peaks=${peaks} lines=${[
       { label: name, colour: 'model', points: points.map(([x, y]) => [x, y]) },
       { label: '95 %', colour: 'quiet', dash: '2 3', points: bound(0) },
       { label: '', colour: 'quiet', dash: '2 3', points: bound(1) },

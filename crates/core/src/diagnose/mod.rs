@@ -14,12 +14,13 @@
 //! how large a finding is. `present` asks whether a window still shows what the model has already, `ledger`
 //! adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left
 //! by hour of the day, `missing_heat` what flows unseen at every hour, `proposals` which term of what was
-//! measured explains it, `evidence` lays the error beside an
+//! measured explains it, `change` since when a parameter is another one, `evidence` lays the error beside an
 //! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests.
-//! `lampyris bench diagnose`, `real`, `missing-heat` and `proposals` measure all of it, on synthetic rooms and
+//! `lampyris bench diagnose`, `real`, `missing-heat`, `proposals` and `change` measure all of it, on synthetic rooms and
 //! real ones.
 
 mod acceptance;
+pub mod change;
 mod chosen;
 pub mod course;
 mod effort;

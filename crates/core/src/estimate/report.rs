@@ -73,6 +73,7 @@ pub(super) fn report(
         input_hash: problem.input_hash().to_owned(),
         basis: Some(problem.basis().clone()),
         worst_regime: None,
+        changed: None,
         remarks,
         non_identifiable: Vec::new(),
         levels: levels(problem),

@@ -8,6 +8,15 @@ use super::trajectory::Simulator;
 use crate::interrupt::Meter;
 use std::ops::Range;
 
+/// A sample of one parameter vector, from states that were given.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NextStep {
+    /// The states at the next sample.
+    pub states: Vec<f64>,
+    /// The outputs at this one.
+    pub outputs: Vec<f64>,
+}
+
 impl Simulator {
     /// Runs the samples of a stretch for every pair of a parameter vector and its states at the first sample;
     /// as many of the one as of the other. Gives `[pair][output][sample of the stretch]`; the inputs must be
@@ -28,6 +37,49 @@ impl Simulator {
             _ => self.stretch::<LANES>(samples.clone(), thetas, starts),
         };
         thetas.chunks(LANES).zip(starts.chunks(LANES)).flat_map(block).collect()
+    }
+
+    /// The states a sample later and the outputs now of every parameter vector, from the same states at each
+    /// sample of `along`: `[sample][vector]`. The last sample has no later one, nor has one behind which the
+    /// inputs are unknown; their states stay as they are. Only models that step with their samples have such
+    /// runs.
+    pub fn steps_along(&self, along: &[Vec<f64>], thetas: &[&[f64]]) -> Vec<Vec<NextStep>> {
+        let mut steps: Vec<Vec<NextStep>> = vec![Vec::with_capacity(thetas.len()); along.len()];
+        for thetas in thetas.chunks(LANES) {
+            self.block_along(along, thetas, &mut steps);
+        }
+        steps
+    }
+
+    fn block_along(&self, along: &[Vec<f64>], thetas: &[&[f64]], steps: &mut [Vec<NextStep>]) {
+        let (step_tape, drive, substeps, hours) = self.step_parts();
+        let (output_tape, output_drive) = self.output_parts();
+        let mut file = LaneFile::<LANES>::new(step_tape);
+        file.load(thetas, hours);
+        let mut out = LaneFile::<LANES>::new(output_tape);
+        out.load(thetas, 0.0);
+        let (states, outputs) = (self.initial.len(), output_tape.roots.len());
+        let mut meter = Meter::new(&self.brake);
+        for (k, (start, steps)) in along.iter().zip(steps).enumerate() {
+            meter.add(LANES * (substeps * step_tape.step.len() + output_tape.step.len()));
+            for (state, value) in start.iter().enumerate() {
+                *file.state(state) = [*value; LANES];
+                *out.state(state) = [*value; LANES];
+            }
+            output_drive.load(&mut out, k, 0);
+            out.step();
+            if k + 1 < along.len() && self.known[k] {
+                for step in 0..substeps {
+                    drive.load(&mut file, k, step);
+                    file.step();
+                    file.advance();
+                }
+            }
+            steps.extend((0..thetas.len()).map(|lane| NextStep {
+                states: (0..states).map(|state| file.state(state)[lane]).collect(),
+                outputs: (0..outputs).map(|output| out.root(output)[lane]).collect(),
+            }));
+        }
     }
 
     fn stretch<const W: usize>(

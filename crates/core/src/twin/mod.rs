@@ -16,6 +16,7 @@ pub mod noisy;
 pub mod plant;
 pub mod plant_world;
 mod price;
+mod rates;
 pub mod room;
 pub mod world;
 
@@ -24,5 +25,6 @@ pub use house::{HouseRequest, HouseTwin, RoomTruth, house};
 pub use measured::MEASURED;
 pub use noisy::{NoisyTwin, noisy};
 pub use plant::{PlantRequest, PlantTwin, plant};
+pub use rates::ChangedParameter;
 pub use room::{RoomTwin, room};
 pub use world::{HiddenEffect, Level, Truth, World, WorldRequest, world};

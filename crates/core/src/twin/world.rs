@@ -5,6 +5,7 @@ use super::climate::{Climate, NEIGHBOURS, STEP_MINUTES, STEPS_PER_DAY};
 use super::dice::Dice;
 use super::hidden::{Hidden, Kind};
 use super::measured::{MEASURED, MoreSeries};
+use super::rates::{ChangedParameter, Rates};
 use crate::data::rfc3339;
 use crate::data::{DAY, MINUTE, SECOND};
 use crate::fault::Fault;
@@ -53,6 +54,8 @@ pub struct WorldRequest {
     pub step_minutes: usize,
     /// Whether air, rain and two more meters are measured as well.
     pub more: bool,
+    /// A parameter that is another one from a day on; `None` where nothing changes.
+    pub change: Option<ChangedParameter>,
 }
 
 impl WorldRequest {
@@ -65,6 +68,7 @@ impl WorldRequest {
             days: 28,
             step_minutes: 15,
             more: effects.iter().any(|effect| MEASURED.contains(effect)),
+            change: None,
         }
     }
 }
@@ -122,26 +126,13 @@ type State = [f64; 6];
 
 struct Room {
     rates: Rates,
+    /// From a step on they are others.
+    later: Option<(usize, Rates)>,
     level: Level,
     climate: Climate,
     more: Option<MoreSeries>,
     /// Household heat in K/h per step.
     heat: Vec<f64>,
-}
-
-struct Rates {
-    h: f64,
-    e: f64,
-    w: f64,
-    a: f64,
-    s: f64,
-    n: [f64; NEIGHBOURS],
-    floor: f64,
-    envelope: f64,
-    k: f64,
-    t_set: f64,
-    furniture: (f64, f64),
-    wall: (f64, f64),
 }
 
 /// Makes a world.
@@ -166,12 +157,17 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     // What is drawn beyond has dice of its own, so that all else is the same with it and without.
     let mut others = Dice::new(request.seed ^ MORE);
     let more = request.more.then(|| MoreSeries::new(&mut others, &climate));
-    let mut rates = rates(&mut dice);
+    let mut rates = Rates::new(&mut dice);
     if request.effects.iter().any(|effect| effect == "blinds") {
         // Blinds are where the sun is too much.
         rates.s = others.log_between(5.0, 12.0);
     }
-    let room = Room { rates, level: request.level, climate, more, heat };
+    let first_day = WARM_UP_DAYS * STEPS_PER_DAY;
+    let later = |change: &ChangedParameter| {
+        Ok::<_, Fault>((first_day + change.day * STEPS_PER_DAY, rates.changed(change)?))
+    };
+    let later = request.change.as_ref().map(later).transpose()?;
+    let room = Room { rates, later, level: request.level, climate, more, heat };
     let bare = shown(&room.states(&[]), &[]);
     let mut hidden = Vec::new();
     let mut effects = Vec::new();
@@ -218,42 +214,6 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let hidden_heat = by_sample(&|k| air(k, &hidden) - air(k, &[]));
     let parameters = room.rates.parameters();
     Ok(World { csv, neighbours, truth, parameters, household, hidden_heat })
-}
-
-fn rates(dice: &mut Dice) -> Rates {
-    Rates {
-        h: dice.log_between(0.1, 1.0),
-        e: dice.log_between(0.1, 1.5),
-        w: dice.log_between(0.3, 2.0),
-        a: dice.log_between(0.01, 0.2),
-        s: dice.log_between(0.1, 1.5),
-        n: std::array::from_fn(|_| dice.log_between(0.01, 0.2)),
-        floor: dice.log_between(2.0, 15.0),
-        envelope: dice.log_between(3.0, 20.0),
-        k: dice.between(1.0, 6.0),
-        t_set: dice.between(20.0, 22.5),
-        furniture: (dice.log_between(0.2, 1.0), dice.log_between(0.5, 3.0)),
-        wall: (dice.log_between(0.02, 0.2), dice.log_between(0.5, 3.0)),
-    }
-}
-
-impl Rates {
-    /// By the names of the base model.
-    fn parameters(&self) -> Vec<(String, f64)> {
-        let named = [
-            ("alpha_h", self.h),
-            ("alpha_e", self.e),
-            ("alpha_w", self.w),
-            ("alpha_a", self.a),
-            ("alpha_s", self.s),
-            ("beta_h", self.floor),
-            ("beta_he", self.envelope),
-            ("k", self.k),
-            ("T_set", self.t_set),
-        ];
-        let neighbours = self.n.iter().zip(1..).map(|(n, number)| (format!("alpha_n[{number}]"), *n));
-        named.into_iter().map(|(name, value)| (name.to_owned(), value)).chain(neighbours).collect()
-    }
 }
 
 impl Room {
@@ -304,7 +264,11 @@ impl Room {
 
     /// The derivative per hour, `part` of the way from step `k` to the next.
     fn slope(&self, x: &State, k: usize, part: f64, hidden: &[Hidden]) -> State {
-        let (rates, climate) = (&self.rates, &self.climate);
+        let climate = &self.climate;
+        let rates = match &self.later {
+            Some((from, later)) if k >= *from => later,
+            _ => &self.rates,
+        };
         let line = |series: &[f64]| series[k] + part * (series[k + 1] - series[k]);
         let [room, floor, envelope, furniture, wall, sensor] = *x;
         let (out, mut forward) = (line(&climate.out), line(&climate.forward));

@@ -85,6 +85,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("post_linearisation", Some(Read), System),
     ("get_ladder", Some(Read), System),
     ("get_evidence", Some(Read), System),
+    ("get_changes", Some(Read), System),
     ("get_matrix", Some(Read), Several),
     ("get_series", Some(Read), System),
     ("list_windows", Some(Read), System),

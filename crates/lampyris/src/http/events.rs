@@ -1,5 +1,5 @@
 //! What happens, as server-sent events: `queued`, `started`, `progress`, `incumbent` and `finished` of jobs,
-//! `params` and `state` of what is served.
+//! `params` and `state` of what is served, `changed` of a room that is another one.
 //!
 //! Every event has an id. A client that comes back with it (`Last-Event-ID`) is told what it has missed;
 //! where the log no longer knows, also after a restart of the service, it is told how things stand: which
@@ -110,7 +110,7 @@ struct IncumbentData<'a> {
     parameters: &'a IndexMap<String, f64>,
 }
 
-/// The data of `params` and `state`.
+/// The data of `params`, `state` and `changed`.
 #[derive(Debug, Serialize)]
 struct ServedData<'a, T> {
     system: &'a SystemId,
@@ -126,7 +126,8 @@ struct StreamEvent {
     /// `Last-Event-ID` with it leads on from there. What had happened before the stream began has none.
     id: Option<String>,
     /// JSON: a `Progress` of `progress`, the best parameters of `incumbent`, `system`, `revision` and
-    /// `status` of `params`, `system`, `revision` and `at` of `state`, a `Job` of all others.
+    /// `status` of `params`, `system`, `revision` and `at` of `state`, `system`, `fit`, `sentence` and
+    /// `change` of `changed`, a `Job` of all others.
     data: String,
 }
 
@@ -198,9 +199,10 @@ async fn get_job_events(
 /// What happens to all systems, or to one, as it happens.
 ///
 /// Of jobs, the events of `/jobs/{id}/events`. `params` says that `/params` answers something else than
-/// before: a set was published, or its status has turned. `state` says that `/state` does. A first connection
-/// is told which jobs run; one that has missed more than is kept is told `params` and `state` of every
-/// system.
+/// before: a set was published, or its status has turned. `state` says that `/state` does.
+/// `changed` says that a scheduled fit was the first to see that a parameter is another one. A first
+/// connection is told which jobs run; one that has missed more than is kept is told `params` and `state` of
+/// every system.
 #[utoipa::path(
     get,
     path = "/events",
@@ -450,5 +452,6 @@ fn told(event: &Happening) -> Result<StreamEvent, Over> {
         },
         SystemChange::Params(change) => StreamEvent::of(name, &ServedData { system, change }),
         SystemChange::State(change) => StreamEvent::of(name, &ServedData { system, change }),
+        SystemChange::Changed(change) => StreamEvent::of(name, &ServedData { system, change }),
     }
 }

@@ -41,6 +41,7 @@ mod nights;
 mod origin;
 mod overview;
 mod page;
+mod parameter_changes;
 mod params;
 mod patience;
 mod places;

@@ -6,8 +6,8 @@ use super::shared::Shared;
 use super::{
     access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
     evidence, export, extract, fits, forecast, history, influx, jobs, language, layout, matrix, metrics,
-    missing_heat, models, nights, overview, params, preview, problem, prometheus, proposals, samples,
-    schedules, series, service, state, systems, web, windows,
+    missing_heat, models, nights, overview, parameter_changes, params, preview, problem, prometheus,
+    proposals, samples, schedules, series, service, state, systems, web, windows,
 };
 use crate::service::query::matrix::cells::MatrixRow;
 use axum::Router;
@@ -81,6 +81,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(diagnostics::router())
         .merge(missing_heat::router())
         .merge(proposals::router())
+        .merge(parameter_changes::router())
         .merge(schedules::router())
         .merge(audit::router())
         .merge(service::router())

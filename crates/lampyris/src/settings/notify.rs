@@ -38,6 +38,8 @@ pub enum NoticeKind {
     Degraded,
     /// What is served is older than its policy wants.
     Stale,
+    /// A parameter of a system is another one since a day.
+    Changed,
 }
 
 /// How a notice is written.
@@ -73,6 +75,7 @@ impl NoticeKind {
             NoticeKind::Failed => "failed",
             NoticeKind::Degraded => "degraded",
             NoticeKind::Stale => "stale",
+            NoticeKind::Changed => "changed",
         }
     }
 }

@@ -14,9 +14,13 @@ use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::estimate::Fit;
 use lampyris_core::estimate::fit::covariance::Covariance;
+use lampyris_core::estimate::fit::parameter_change::ParameterChange;
 use lampyris_core::estimate::fit::{OutputMetrics, Parts, TracePoint};
 use lampyris_core::estimate::gate::check::CheckResult;
 use serde::{Deserialize, Serialize};
+
+/// So many fits that have seen a change are looked at.
+const CHANGES_BACK: i64 = 60;
 
 /// A fit as it is kept.
 #[derive(Debug, Clone, PartialEq)]
@@ -169,6 +173,9 @@ pub struct ListedFit {
     /// In which circumstances it fails most, in a sentence.
     #[serde(default)]
     pub worst_regime: Option<String>,
+    /// A parameter that has changed within the weeks before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub changed: Option<ParameterChange>,
 }
 
 impl ListedFit {
@@ -177,6 +184,7 @@ impl ListedFit {
             metrics: fit.metrics.clone(),
             parts: fit.parts.clone(),
             worst_regime: fit.worst_regime.clone(),
+            changed: fit.changed.clone(),
         }
     }
 
@@ -320,6 +328,26 @@ impl EntryRow {
 pub async fn summary(store: &Store, id: &str) -> Result<Option<(String, bool)>, StoreError> {
     let sql = concat!("SELECT f.summary, ", waits!("f.id"), " AS waits FROM fits f WHERE f.id = $1");
     Ok(query_as(sql).bind(id).fetch_optional(&store.reader).await?)
+}
+
+/// The changes that a fit and the newest ones before it have seen, of the same system: its own first, then
+/// those before it, newest first. Nothing where it has seen none itself.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn changes_up_to(store: &Store, id: &str) -> Result<Vec<ParameterChange>, StoreError> {
+    let sql = "SELECT f.id, f.listed FROM fits f JOIN fits own ON own.system = f.system WHERE own.id = $1 \
+        AND f.created_at <= own.created_at AND f.listed LIKE '%\"changed\":%' ORDER BY f.created_at DESC, \
+        f.id = own.id DESC LIMIT $2";
+    let rows: Vec<(String, String)> =
+        query_as(sql).bind(id).bind(CHANGES_BACK).fetch_all(&store.reader).await?;
+    if rows.first().is_none_or(|(first, _)| first != id) {
+        return Ok(Vec::new());
+    }
+    let read = |(_, listed): &(String, String)| {
+        Ok::<_, StoreError>(from_json::<ListedFit>("what lists read", listed)?.changed)
+    };
+    rows.iter().filter_map(|row| read(row).transpose()).collect()
 }
 
 /// Fits found before a place in the order, newest first, of one system or of all: one page of a list.

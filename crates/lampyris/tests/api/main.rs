@@ -33,6 +33,7 @@ mod nights;
 mod notify;
 mod operators;
 mod overview;
+mod parameter_changes;
 mod params;
 mod plants;
 mod preview;

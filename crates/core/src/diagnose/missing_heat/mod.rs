@@ -17,8 +17,8 @@
 
 mod events;
 mod hours;
-mod record;
-mod smoother;
+pub(super) mod record;
+pub(super) mod smoother;
 #[cfg(test)]
 mod tests;
 
@@ -89,7 +89,7 @@ pub struct MissingHeat {
 }
 
 /// The state that an output shows, by its place.
-fn shown(model: &Model, output: usize) -> Option<usize> {
+pub(super) fn shown(model: &Model, output: usize) -> Option<usize> {
     model.states().iter().position(|state| state.initial == Initial::Measured(output))
 }
 
@@ -159,6 +159,12 @@ pub fn missing_heat(
 }
 
 impl MissingHeatAsked<'_> {
+    /// Where the search for the likeliest begins.
+    pub(super) fn begin(&self) -> Guess {
+        let sensor = self.problem.scaled_noise();
+        Guess { sensor, size: SIZE * sensor * self.problem.scale(self.output), memory: MEMORY_HOURS }
+    }
+
     /// The likeliest guess, and everything that is sought at each sample; `None` where the numbers are left.
     fn settled(&self) -> Option<(Guess, LinearRecord, Vec<smoother::Smoothed>)> {
         let problem = self.problem;
@@ -174,8 +180,8 @@ impl MissingHeatAsked<'_> {
         for (k, along) in along.iter_mut().enumerate().filter(|(k, _)| valid[*k]) {
             along[self.state] = values[k];
         }
-        let sensor = problem.scaled_noise();
-        let begin = Guess { sensor, size: SIZE * sensor * problem.scale(self.output), memory: MEMORY_HOURS };
+        let begin = self.begin();
+        let sensor = begin.sensor;
         let mut guess = begin;
         let mut settled = None;
         for round in 0..ROUNDS {

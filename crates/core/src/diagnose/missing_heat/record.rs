@@ -18,7 +18,7 @@ const PROCESS_SD: f64 = 0.2;
 
 /// Of what the missing heat is asked.
 #[derive(Clone, Copy)]
-pub(super) struct MissingHeatAsked<'a> {
+pub(in crate::diagnose) struct MissingHeatAsked<'a> {
     pub problem: &'a Problem,
     pub theta: &'a [f64],
     /// By its place.
@@ -27,17 +27,19 @@ pub(super) struct MissingHeatAsked<'a> {
 }
 
 /// A value that was measured: `row . z + constant`, and noise.
-pub(super) struct Reading {
+pub(in crate::diagnose) struct Reading {
     pub row: DVector<f64>,
     pub constant: f64,
     pub value: f64,
     /// The unit of its noise.
     pub scale: f64,
+    /// The output that it is of.
+    pub output: usize,
 }
 
 /// From a sample to the next: `matrix . z + constant` with this covariance on top. How the rate fades and
 /// what comes on top of it are the smoother's.
-pub(super) struct AffineStep {
+pub(in crate::diagnose) struct AffineStep {
     pub matrix: DMatrix<f64>,
     pub constant: DVector<f64>,
     pub covariance: DMatrix<f64>,
@@ -45,7 +47,7 @@ pub(super) struct AffineStep {
 
 /// A record, ready to be filtered. What is sought at each sample is in this order: the states, what comes and
 /// goes of the missing rate, what is always there of it, and what both have come to since the hour began.
-pub(super) struct LinearRecord {
+pub(in crate::diagnose) struct LinearRecord {
     /// Hours between samples.
     pub hours: f64,
     /// What was measured at each sample.
@@ -96,7 +98,13 @@ impl LinearRecord {
                 let mut row = DVector::zeros(n + 3);
                 row.rows_mut(0, n).copy_from_slice(&step.c[output * n..][..n]);
                 let constant = step.outputs[output] - row.rows(0, n).dot(&at);
-                readings[*k].push(Reading { row, constant, value: values[*k], scale: problem.scale(output) });
+                readings[*k].push(Reading {
+                    row,
+                    constant,
+                    value: values[*k],
+                    scale: problem.scale(output),
+                    output,
+                });
             }
         }
         for (step, begins) in steps.iter_mut().zip(&begins) {

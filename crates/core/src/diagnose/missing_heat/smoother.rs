@@ -17,7 +17,7 @@ const SIZE: [f64; 2] = [3e-3, 300.0];
 
 /// What the filter is told.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Guess {
+pub(in crate::diagnose) struct Guess {
     /// Deviation of the sensors in their scale.
     pub sensor: f64,
     /// Deviation of the missing rate over all time, in the state's unit per hour.
@@ -27,33 +27,41 @@ pub(super) struct Guess {
 }
 
 /// What is known of everything that is sought at a sample.
-pub(super) type Smoothed = (DVector<f64>, DMatrix<f64>);
+pub(in crate::diagnose) type Smoothed = (DVector<f64>, DMatrix<f64>);
 
 /// What a value changed.
-struct Update {
-    row: DVector<f64>,
-    gain: DVector<f64>,
-    innovation: f64,
-    variance: f64,
+pub(in crate::diagnose) struct Update {
+    pub row: DVector<f64>,
+    pub gain: DVector<f64>,
+    pub innovation: f64,
+    pub variance: f64,
+    /// The output that it is of.
+    pub output: usize,
 }
 
 /// A sample of a filter's pass: what is known before its values, what each of them changed, and the step to
 /// the next one.
-struct Sample {
+pub(in crate::diagnose) struct Sample {
     before: Smoothed,
-    updates: Vec<Update>,
-    step: Option<DMatrix<f64>>,
+    pub updates: Vec<Update>,
+    pub step: Option<DMatrix<f64>>,
 }
 
 /// The logarithm of the likelihood of the record, without its constant.
-pub(super) fn likelihood(record: &LinearRecord, guess: Guess) -> f64 {
+pub(in crate::diagnose) fn likelihood(record: &LinearRecord, guess: Guess) -> f64 {
     filter(record, guess, None)
+}
+
+/// Every sample of the filter's pass.
+pub(in crate::diagnose) fn passed(record: &LinearRecord, guess: Guess) -> Vec<Sample> {
+    let mut samples = Vec::with_capacity(record.readings.len());
+    filter(record, guess, Some(&mut samples));
+    samples
 }
 
 /// Everything that is sought at each sample, given all of the record.
 pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
-    let mut samples = Vec::with_capacity(record.readings.len());
-    filter(record, guess, Some(&mut samples));
+    let samples = passed(record, guess);
     let width = record.width();
     // What all later values say: the gradient and the curvature of minus the logarithm of their likelihood.
     let mut slope = DVector::zeros(width);
@@ -64,7 +72,7 @@ pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
             slope = step.tr_mul(&slope);
             curvature = step.tr_mul(&curvature) * step;
         }
-        for Update { row, gain, innovation, variance } in sample.updates.iter().rev() {
+        for Update { row, gain, innovation, variance, .. } in sample.updates.iter().rev() {
             let along = gain.dot(&slope) + innovation / variance;
             slope.axpy(-along, row, 1.0);
             let bent = &curvature * gain;
@@ -82,7 +90,12 @@ pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
 
 /// The likeliest guess, by a search along one axis of the logarithms after the other. `begin` is where it
 /// begins, `middle` what the bounds are of.
-pub(super) fn likeliest(record: &LinearRecord, begin: Guess, middle: Guess, brake: &Brake) -> Guess {
+pub(in crate::diagnose) fn likeliest(
+    record: &LinearRecord,
+    begin: Guess,
+    middle: Guess,
+    brake: &Brake,
+) -> Guess {
     let within = |value: f64, of: f64, [low, high]: [f64; 2]| value.clamp(low * of, high * of);
     let moves = [
         |guess: Guess, by: f64| Guess { sensor: guess.sensor * by, ..guess },
@@ -142,6 +155,7 @@ fn filter(record: &LinearRecord, guess: Guess, mut kept: Option<&mut Vec<Sample>
                     gain: &spread / variance,
                     innovation,
                     variance,
+                    output: reading.output,
                 });
             }
         }

@@ -4,11 +4,13 @@ pub mod covariance;
 pub mod incumbent;
 pub mod levels;
 pub mod likelihood;
+pub mod parameter_change;
 
 use crate::data::{Seconds, rfc3339};
 use crate::estimate::fit::covariance::Covariance;
 use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::likelihood::LikelihoodReport;
+use crate::estimate::fit::parameter_change::ParameterChange;
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::basis::Basis;
 use crate::schema::Interval;
@@ -203,6 +205,10 @@ pub struct Fit {
     /// of versions that did not look.
     #[serde(default)]
     pub worst_regime: Option<String>,
+    /// A parameter that has changed within the weeks before, where nobody asked for the fit; `None` where
+    /// none has, or nobody looked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub changed: Option<ParameterChange>,
     /// What a user should know: bounds, correlations, parts dropped, weak convergence.
     pub remarks: Vec<String>,
     /// Parameters that were fixed at their nominal value because the data do not determine them.

@@ -13,6 +13,8 @@ use crate::store::events::Missed;
 use crate::store::jobs::JobRecord;
 use indexmap::IndexMap;
 use lampyris_core::data::SystemId;
+use lampyris_core::estimate::fit::parameter_change::ParameterChange;
+use serde::Serialize;
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Mutex as AsyncMutex, Notify, watch};
@@ -77,6 +79,19 @@ pub enum SystemChange {
     Params(ParamsChange),
     /// Its states are newer.
     State(StateChange),
+    /// A parameter is another one since a day, as a fit has seen.
+    Changed(Box<ChangeSeen>),
+}
+
+/// A change that a fit was the first to see.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ChangeSeen {
+    /// The fit.
+    pub fit: String,
+    /// What it says, in a plain sentence.
+    pub sentence: String,
+    /// The change.
+    pub change: ParameterChange,
 }
 
 /// What happened to a job.
@@ -123,6 +138,8 @@ pub enum EventName {
     Params,
     /// The states of a system are newer.
     State,
+    /// A parameter of a system is another one since a day.
+    Changed,
 }
 
 impl EventName {
@@ -136,6 +153,7 @@ impl EventName {
             EventName::Finished => "finished",
             EventName::Params => "params",
             EventName::State => "state",
+            EventName::Changed => "changed",
         }
     }
 }
@@ -160,6 +178,7 @@ impl SystemChange {
             SystemChange::Job(_, change) => change.name(),
             SystemChange::Params(_) => EventName::Params,
             SystemChange::State(_) => EventName::State,
+            SystemChange::Changed(_) => EventName::Changed,
         }
     }
 
@@ -167,7 +186,7 @@ impl SystemChange {
     pub fn job(&self) -> Option<&str> {
         match self {
             SystemChange::Job(job, _) => Some(job),
-            SystemChange::Params(_) | SystemChange::State(_) => None,
+            SystemChange::Params(_) | SystemChange::State(_) | SystemChange::Changed(_) => None,
         }
     }
 }

@@ -172,6 +172,12 @@ async fn notice(
             let turned = (before != Some(change.status)).then(|| of_status(&system, change.status)).flatten();
             Ok(turned.filter(|notice| tells(service, settings, notice.event)))
         }
+        SystemChange::Changed(seen) => {
+            let system = event.system.to_string();
+            let (title, message) = (format!("{system}: a parameter has changed"), seen.sentence.clone());
+            let notice = about(&system, NoticeKind::Changed, title, message, "/parameters");
+            Ok(Some(notice).filter(|notice| tells(service, settings, notice.event)))
+        }
         SystemChange::Job(..) | SystemChange::State(_) => Ok(None),
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! `subject` is a stored fit with what is needed to run it again. `comparison` lays such fits beside the
 //! measurements and `chart` writes that as lines; `diagnostics` says the same in numbers and sentences,
-//! `missing_heat` what flows that the model does not know of, and `proposals` which term would explain it.
+//! `missing_heat` what flows that the model does not know of, `proposals` which term would explain it,
+//! `parameter_changes` since when a parameter is another one.
 //! `forecast` goes on from the newest measurement with the parameters in force, `scores` says how far off
 //! such forecasts were, and `export` writes their model for other programs. `series` is the stitched view of
 //! all windows of a system, and `preview` one simulation for whoever edits a model. `matrix` says which
@@ -16,6 +17,7 @@ pub mod forecast;
 pub mod matrix;
 pub mod missing_heat;
 pub mod night;
+pub mod parameter_changes;
 pub mod preview;
 pub mod proposals;
 pub mod scores;

@@ -1,6 +1,7 @@
 //! The work of an `estimate` job: from stored blocks to a judged fit. It runs on the CPU pool.
 
 use super::input::JobInput;
+use super::parameter_changes::along;
 use crate::service::catalogue::system::Mode;
 use crate::service::error::ServiceError;
 use crate::store::finish::JudgedFit;
@@ -10,6 +11,7 @@ use lampyris_core::data::Window;
 use lampyris_core::estimate::assess::degradation::{as_fitted, goes_on};
 use lampyris_core::estimate::assess::metrics::current_state;
 use lampyris_core::estimate::assess::regimes::with_worst_regime;
+use lampyris_core::estimate::fit::parameter_change::ParameterChange;
 use lampyris_core::estimate::problem::predictor::Predictor;
 use lampyris_core::estimate::problem::request::days_before;
 use lampyris_core::estimate::validate;
@@ -67,6 +69,7 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         .map_err(|error| stopped(&error))?;
     let fit =
         with_worst_regime(fit, &problem, &window).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
+    let fit = Fit { changed: changed(input, &window, &fit, brake), ..fit };
     if !can_be_kept(&fit) {
         let detail = "errors or measures of the fit are no finite numbers: look at the measurements";
         return Err(Stopped::Failed(JobFailure {
@@ -99,6 +102,21 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         report: None,
     };
     Ok(FirstFit { window, problem: finding.fit.simulated(&problem), finding })
+}
+
+/// A parameter that has changed within the newest weeks, where the fit is nobody's wish: whoever posts a job
+/// can ask. Where nothing can be said of it the fit is as good.
+fn changed(input: &JobInput, window: &Window, fit: &Fit, brake: &Brake) -> Option<ParameterChange> {
+    if input.posted {
+        return None;
+    }
+    match along(input, window, fit, brake) {
+        Ok(found) => found.change,
+        Err(error) => {
+            tracing::debug!(%error, "whether a parameter has changed cannot be said");
+            None
+        }
+    }
 }
 
 /// Whether the document of a fit can be read again: what is no finite number cannot be written.

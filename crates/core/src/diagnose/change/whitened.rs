@@ -1,0 +1,221 @@
+//! The record as innovations: what every value says that those before it did not, and what a parameter that
+//! changes would have it say.
+//!
+//! A Kalman filter is linear, so a parameter that is another one from a sample on adds to the innovations
+//! behind it a series of its own: the deviation of the states from where the filter believes them, which the
+//! change feeds and every value corrects (Willsky and Jones 1976, "A generalized likelihood ratio approach to
+//! the detection and estimation of jumps in linear systems", IEEE Transactions on Automatic Control 21).
+
+use crate::data::DAY;
+use crate::diagnose::missing_heat::record::{LinearRecord, MissingHeatAsked};
+use crate::diagnose::missing_heat::smoother::{self, likeliest, passed};
+use crate::estimate::Problem;
+use crate::estimate::assess::metrics::filter;
+use crate::model::{Initial, Model, Scale};
+use std::ops::Range;
+
+/// The length of a difference: a share of a parameter that is searched by its logarithm, and else of its
+/// bounds.
+const DIFFERENCE: f64 = 1e-4;
+
+/// A value of the record, as the filter takes it.
+struct Value {
+    /// What the states show.
+    row: Vec<f64>,
+    /// What it moves in them.
+    gain: Vec<f64>,
+    /// Its deviation.
+    deviation: f64,
+    output: usize,
+}
+
+/// A sample: its values, and the step to the next one by rows.
+struct Taken {
+    values: Vec<Value>,
+    step: Vec<f64>,
+}
+
+/// What a unit of a parameter does at a sample by itself.
+struct Push {
+    /// To the states until the next one.
+    states: Vec<f64>,
+    /// To each output.
+    outputs: Vec<f64>,
+}
+
+/// The innovations of a record, and what parameters do to them.
+pub(super) struct Whitened {
+    samples: Vec<Taken>,
+    width: usize,
+    pushes: Vec<Vec<Push>>,
+    /// The parameters that may change, by their places in the full vector.
+    pub parameters: Vec<usize>,
+    /// How far each of them is believed to lie from where it is, as a deviation in what its change is counted
+    /// in: a factor of e, or a quarter of its bounds.
+    pub reaches: Vec<f64>,
+    /// Innovations in units of their deviations.
+    pub innovations: Vec<f64>,
+    /// The samples of each day (UTC).
+    days: Vec<Range<usize>>,
+    /// The first row of each sample, and the number of all rows.
+    first_row: Vec<usize>,
+    /// The day since 1970 of the first sample.
+    pub first_day: i64,
+    /// The logarithm of the likelihood of the record, without its constant.
+    pub likelihood: f64,
+}
+
+/// The free parameters that are no starts of states.
+fn changeable(problem: &Problem) -> Vec<usize> {
+    let is_start = |index: usize| {
+        problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index))
+    };
+    problem.free().iter().copied().filter(|index| !is_start(*index)).collect()
+}
+
+/// What the change of a parameter is counted in, in its own unit: by its logarithm, one is a factor of e.
+fn unit(model: &Model, parameter: usize, value: f64) -> f64 {
+    match model.parameters()[parameter].scale {
+        Scale::Log => value,
+        Scale::Linear => 1.0,
+    }
+}
+
+impl Whitened {
+    /// Filters a record at these parameters. `None` where the numbers are left.
+    pub fn new(problem: &Problem, theta: &[f64], output: usize, state: usize) -> Option<Self> {
+        let model = problem.model();
+        let asked = MissingHeatAsked { problem, theta, output, state };
+        let along = filter(problem, theta, None).filtered.states;
+        let record = LinearRecord::new(&asked, &along)?;
+        let begin = asked.begin();
+        let guess = likeliest(&record, begin, begin, problem.brake());
+        let likelihood = smoother::likelihood(&record, guess);
+        // What is summed up over an hour for the missing heat plays no part.
+        let width = record.width() - 1;
+        let mut innovations = Vec::new();
+        let mut first_row = vec![0];
+        let mut samples = Vec::new();
+        for sample in passed(&record, guess) {
+            let values = sample.updates.iter().map(|update| {
+                innovations.push(update.innovation / update.variance.sqrt());
+                Value {
+                    row: update.row.as_slice()[..width].to_vec(),
+                    gain: update.gain.as_slice()[..width].to_vec(),
+                    deviation: update.variance.sqrt(),
+                    output: update.output,
+                }
+            });
+            let values: Vec<Value> = values.collect();
+            first_row.push(innovations.len());
+            let step = sample.step.map_or_else(Vec::new, |step| {
+                (0..width * width).map(|place| step[(place / width, place % width)]).collect()
+            });
+            samples.push(Taken { values, step });
+        }
+        if innovations.iter().any(|value| !value.is_finite()) {
+            return None;
+        }
+        let parameters = changeable(problem);
+        let length = |index: usize| {
+            let [lower, upper] = problem.bounds()[index];
+            match model.parameters()[index].scale {
+                Scale::Log => DIFFERENCE * theta[index],
+                Scale::Linear => DIFFERENCE * (upper - lower),
+            }
+        };
+        let moved = |index: &usize| {
+            let mut moved = theta.to_vec();
+            moved[*index] += length(*index);
+            moved
+        };
+        let thetas: Vec<Vec<f64>> =
+            std::iter::once(theta.to_vec()).chain(parameters.iter().map(moved)).collect();
+        let thetas: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
+        let steps = problem.simulator().steps_along(&along, &thetas);
+        let push = |place: usize, index: usize| -> Vec<Push> {
+            let by = unit(model, index, theta[index]) / length(index);
+            let slope = |moved: &[f64], kept: &[f64]| -> Vec<f64> {
+                moved.iter().zip(kept).map(|(moved, kept)| (moved - kept) * by).collect()
+            };
+            steps
+                .iter()
+                .map(|step| Push {
+                    states: slope(&step[1 + place].states, &step[0].states),
+                    outputs: slope(&step[1 + place].outputs, &step[0].outputs),
+                })
+                .collect()
+        };
+        let pushes: Vec<Vec<Push>> =
+            parameters.iter().enumerate().map(|(place, index)| push(place, *index)).collect();
+        let reach = |index: &usize| match model.parameters()[*index].scale {
+            Scale::Log => 1.0,
+            Scale::Linear => (problem.bounds()[*index][1] - problem.bounds()[*index][0]) / 4.0,
+        };
+        let reaches = parameters.iter().map(reach).collect();
+        let grid = problem.grid();
+        let day = |k: usize| grid.time(k).div_euclid(DAY);
+        let first_day = day(0);
+        let mut days: Vec<Range<usize>> = Vec::new();
+        for k in 0..grid.len() {
+            let at = (day(k) - first_day) as usize;
+            while days.len() <= at {
+                days.push(k..k);
+            }
+            days[at].end = k + 1;
+        }
+        Some(Self {
+            samples,
+            width,
+            pushes,
+            parameters,
+            reaches,
+            innovations,
+            days,
+            first_row,
+            first_day,
+            likelihood,
+        })
+    }
+
+    /// How many days the record has.
+    pub fn days(&self) -> usize {
+        self.days.len()
+    }
+
+    /// The rows of some days.
+    pub fn rows(&self, days: Range<usize>) -> Range<usize> {
+        let sample = |day: usize| self.days.get(day).map_or(self.samples.len(), |samples| samples.start);
+        self.first_row[sample(days.start)]..self.first_row[sample(days.end)]
+    }
+
+    /// What a unit more of a parameter, by its place among those that may change, does to the innovations of
+    /// some days where it comes with the first of them.
+    pub fn direction(&self, place: usize, days: Range<usize>) -> Vec<f64> {
+        let mut apart = vec![0.0; self.width];
+        let mut next = apart.clone();
+        let mut series = Vec::with_capacity(self.rows(days.clone()).len());
+        let Some(first) = self.days.get(days.start) else { return series };
+        for k in first.start..self.days[days.end.min(self.days.len()) - 1].end {
+            let push = &self.pushes[place][k];
+            for value in &self.samples[k].values {
+                let shown = dot(&value.row, &apart) + push.outputs[value.output];
+                series.push(shown / value.deviation);
+                apart.iter_mut().zip(&value.gain).for_each(|(apart, gain)| *apart -= gain * shown);
+            }
+            if self.samples[k].step.is_empty() {
+                break;
+            }
+            for (row, next) in self.samples[k].step.chunks_exact(self.width).zip(&mut next) {
+                *next = dot(row, &apart);
+            }
+            apart.copy_from_slice(&next);
+            apart.iter_mut().zip(&push.states).for_each(|(apart, push)| *apart += push);
+        }
+        series
+    }
+}
+
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
