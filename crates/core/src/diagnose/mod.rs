@@ -23,6 +23,7 @@ pub mod course;
 mod effort;
 mod error;
 pub mod evidence;
+pub mod experiment;
 pub mod failures;
 mod findings;
 pub mod ladder;

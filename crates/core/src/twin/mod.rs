@@ -23,4 +23,4 @@ pub use house::{HouseRequest, HouseTwin, RoomTruth, house};
 pub use noisy::{NoisyTwin, noisy};
 pub use plant::{PlantRequest, PlantTwin, plant};
 pub use room::{RoomTwin, room};
-pub use world::{HiddenEffect, Level, Truth, World, WorldRequest, world};
+pub use world::{DrivenForward, HiddenEffect, Level, Truth, World, WorldRequest, world};

@@ -87,6 +87,7 @@ fn room(arguments: &Arguments) -> Result<(String, Value, Vec<String>), Failure> 
         level: arguments.level.into(),
         days: arguments.days,
         step_minutes: arguments.step,
+        driven: None,
     };
     let world = world(&request).map_err(|fault| Failure::Error(fault.to_string()))?;
     let truth = serde_json::to_value(&world.truth).map_err(|error| Failure::Error(error.to_string()))?;
