@@ -22,7 +22,6 @@ pub(super) struct DaysToCome<'a> {
 
 /// Where the model goes in the days to come, from now on.
 pub(super) struct Course {
-    pub problem: Problem,
     pub states: Vec<Vec<f64>>,
     pub outputs: Vec<Vec<f64>>,
     pub output_deviations: Vec<Vec<f64>>,
@@ -63,13 +62,15 @@ impl<'a> DaysToCome<'a> {
         Ok(Self { problem, noise, grid, past })
     }
 
-    /// What the driven inputs are if nobody drives them, from where they are now.
+    /// What the driven inputs are if nobody drives them, from where they are now, within their ranges.
     pub fn usual(&self, inputs: &[DrivenInput]) -> Result<Vec<Vec<f64>>, Fault> {
         let record = self.problem.grid();
         let one = |input: &DrivenInput| {
             let mut values = self.grid.require(&input.channel)?.values()[self.past..].to_vec();
             let now = record.require(&input.channel)?.values().last();
             values.iter_mut().zip(now).for_each(|(value, now)| *value = *now);
+            let [low, high] = input.range;
+            values.iter_mut().for_each(|value| *value = value.clamp(low, high));
             Ok(values)
         };
         inputs.iter().map(one).collect()
@@ -100,7 +101,6 @@ impl<'a> DaysToCome<'a> {
         let whole = found.states.len() == self.grid.len() - self.past;
         let is_finite = found.outputs.iter().flatten().all(|value| value.is_finite());
         (whole && is_finite).then_some(Course {
-            problem: driven.clone(),
             states: found.states,
             outputs: found.outputs,
             output_deviations: found.output_deviations,
@@ -108,7 +108,7 @@ impl<'a> DaysToCome<'a> {
     }
 
     /// What is known behind such days.
-    pub fn learnt(&self, known: &Knowledge, course: &Course, theta: &[f64]) -> Option<Knowledge> {
-        known.with(&course.problem, theta, self.past, &course.states)
+    pub fn learnt(&self, known: &Knowledge, driven: &Problem, course: &Course) -> Option<Knowledge> {
+        known.with(driven, self.past, &course.states)
     }
 }

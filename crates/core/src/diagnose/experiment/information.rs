@@ -19,16 +19,18 @@ use crate::estimate::Problem;
 use crate::estimate::segments::shooting::settle;
 use crate::estimate::segments::{Linear, REACH, Segments, dot};
 use crate::fault::Fault;
+use crate::estimate::uncertainty::covariance::WIDTH as HALF_WIDTH;
 use crate::model::Scale;
 use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::ops::Range;
 
 /// Length of the segments in hours: as far ahead as rooms are controlled, and a whole part of a day.
 pub const SEGMENT_HOURS: f64 = 12.0;
+/// The unit of widths that are shares of the estimate.
+pub(super) const PERCENT: &str = "%";
 /// Fewest past days whose noise says anything of the days to come.
 pub const FEWEST_DAYS: usize = 5;
-/// Half the width of a 95 % interval, in standard deviations.
-pub const HALF_WIDTH: f64 = 1.959_963_984_540_054;
 
 /// Whole days of a grid, the last one of which ends with it.
 #[derive(Debug, Clone)]
@@ -57,30 +59,54 @@ impl WholeDays {
     fn count(&self) -> usize {
         self.samples.len() / self.per_day
     }
+}
+
+/// The segments of whole days, and the output and sample of each of their rows.
+struct DailySegments {
+    days: WholeDays,
+    segments: Segments,
+    rows: Vec<(usize, usize)>,
+    outputs: usize,
+}
+
+impl DailySegments {
+    /// `None` of a model without a filter, and where nothing was measured.
+    fn new(problem: &Problem, days: WholeDays) -> Option<Self> {
+        let segments = Segments::new(problem, days.samples.clone(), SEGMENT_HOURS)?;
+        let rows = segments.rows().collect();
+        let outputs = problem.model().outputs().len();
+        (!segments.is_empty()).then_some(Self { days, segments, rows, outputs })
+    }
+
+    fn linear(&self, problem: &Problem, theta: &[f64], starts: &[Vec<f64>]) -> Option<Linear> {
+        self.segments.linearise(problem, problem.simulator(), theta, starts)
+    }
+
+    /// The Jacobian of each day: a row for every output and sample, and a column per parameter.
+    fn jacobian(&self, linear: &Linear, spans: &[Option<f64>]) -> Vec<DMatrix<f64>> {
+        let by_parameter: Vec<DMatrix<f64>> = linear
+            .columns
+            .iter()
+            .zip(spans.iter().zip(&linear.slopes))
+            .map(|(column, (span, slope))| self.by_day(column) * span.map_or(1.0, |span| span / slope))
+            .collect();
+        let of = |day: usize| {
+            let column = |parameter: &DMatrix<f64>| parameter.column(day).clone_owned();
+            DMatrix::from_columns(&by_parameter.iter().map(column).collect::<Vec<_>>())
+        };
+        (0..self.days.count()).map(of).collect()
+    }
 
     /// A series of rows by days: a column each, the values of every output from the day's first sample on;
     /// zero where nothing was measured.
-    fn by_day(&self, rows: &[(usize, usize)], outputs: usize, series: &[f64]) -> DMatrix<f64> {
-        let mut days = DMatrix::zeros(outputs * self.per_day, self.count());
-        for ((output, sample), value) in rows.iter().zip(series) {
-            let since = sample - self.samples.start;
-            days[(output * self.per_day + since % self.per_day, since / self.per_day)] = *value;
+    fn by_day(&self, series: &[f64]) -> DMatrix<f64> {
+        let per_day = self.days.per_day;
+        let mut days = DMatrix::zeros(self.outputs * per_day, self.days.count());
+        for ((output, sample), value) in self.rows.iter().zip(series) {
+            let since = sample - self.days.samples.start;
+            days[(output * per_day + since % per_day, since / per_day)] = *value;
         }
         days
-    }
-}
-
-/// The Jacobian of some days: of each one a row for every output and sample, and a column per parameter.
-struct DailyJacobian(Vec<DMatrix<f64>>);
-
-impl DailyJacobian {
-    fn new(days: &WholeDays, rows: &[(usize, usize)], outputs: usize, columns: &[Vec<f64>]) -> Self {
-        let by_parameter: Vec<DMatrix<f64>> =
-            columns.iter().map(|column| days.by_day(rows, outputs, column)).collect();
-        let of = |day: usize| {
-            DMatrix::from_fn(outputs * days.per_day, columns.len(), |row, i| by_parameter[i][(row, day)])
-        };
-        Self((0..days.count()).map(of).collect())
     }
 }
 
@@ -91,10 +117,14 @@ pub struct Knowledge {
     pub theta: Vec<f64>,
     /// The estimated parameters, by their places in the full vector.
     pub along: Vec<usize>,
-    /// The unit in which each is reckoned here, in its own unit.
+    /// What the unit in which each is reckoned here is in its own unit.
     pub units: Vec<f64>,
-    /// Whether that is a fixed share of its own unit, whatever the scale of the search.
-    own_unit: Vec<bool>,
+    /// That unit, of those that are reckoned in their own and not on the scale of the search.
+    spans: Vec<Option<f64>>,
+    /// Where the segments of the record start.
+    starts: Vec<Vec<f64>>,
+    /// The variance of the residual, as if it were white.
+    variance: f64,
     normal: DMatrix<f64>,
     middle: DMatrix<f64>,
     /// The residual of each past day, had it not been fitted; a column each.
@@ -103,57 +133,74 @@ pub struct Knowledge {
 
 impl Knowledge {
     /// What the whole days of a problem teach. Parameters are reckoned on the scale of the search, and those
-    /// that are `asked` about in their own unit, so that one of an effect may as well be nothing.
+    /// that `may_be_nothing` in their own unit.
     ///
     /// # Errors
     /// Where there are too few days, the model has no filter or leaves the numbers, or one day is all that
     /// determines a parameter.
-    pub fn of(problem: &Problem, theta: &[f64], asked: &[usize]) -> Result<Self, Fault> {
+    pub fn of(problem: &Problem, theta: &[f64], may_be_nothing: &[usize]) -> Result<Self, Fault> {
         let cannot = |why: &str| Fault::new("/system", "no-experiment", why);
         let days = WholeDays::of(problem, 0)?;
         if days.count() < FEWEST_DAYS {
             let detail = format!("{FEWEST_DAYS} whole days are needed to know the noise; there are fewer");
             return Err(cannot(&detail));
         }
-        let segments = Segments::new(problem, days.samples.clone(), SEGMENT_HOURS)
-            .ok_or_else(|| cannot("a model without a filter has no segments"))?;
+        let record = DailySegments::new(problem, days)
+            .ok_or_else(|| cannot("a model without a filter, or a record without measurements, has no segments"))?;
         let numbers = || cannot("the model leaves the numbers");
-        let starts = segments.starts(problem, theta);
-        let settled = settle(problem, &segments, theta, &starts, &|| false).ok_or_else(numbers)?;
+        let starts = record.segments.starts(problem, theta);
+        let settled = settle(problem, &record.segments, theta, &starts, &|| false).ok_or_else(numbers)?;
         // Once more from the starts that belong to these parameters.
-        let linear = segments
-            .linearise(problem, problem.simulator(), &settled.theta, &settled.linear.starts)
-            .ok_or_else(numbers)?;
-        let is_log = |place: &usize| problem.model().parameters()[*place].scale == Scale::Log;
-        let own_unit: Vec<bool> =
-            linear.along.iter().map(|place| is_log(place) && asked.contains(place)).collect();
-        let unit = |((place, slope), own): ((&usize, &f64), &bool)| {
+        let linear = record.linear(problem, &settled.theta, &settled.linear.starts).ok_or_else(numbers)?;
+        let span = |place: &usize| {
             let [lower, upper] = problem.bounds()[*place];
-            if *own { upper - lower } else { *slope }
+            let is_log = problem.model().parameters()[*place].scale == Scale::Log;
+            (is_log && may_be_nothing.contains(place)).then_some(upper - lower)
         };
-        let units: Vec<f64> = linear.along.iter().zip(&linear.slopes).zip(&own_unit).map(unit).collect();
-        let rows: Vec<(usize, usize)> = segments.rows().collect();
-        let outputs = problem.model().outputs().len();
-        let residual = days.by_day(&rows, outputs, &linear.residual);
-        let shown = days.by_day(&rows, outputs, &vec![1.0; rows.len()]);
-        let jacobian = DailyJacobian::new(&days, &rows, outputs, &in_units(&linear, &units));
-        let variance = dot(&linear.residual, &linear.residual) / rows.len().max(1) as f64;
+        let spans: Vec<Option<f64>> = linear.along.iter().map(span).collect();
+        let units = spans.iter().zip(&linear.slopes).map(|(span, slope)| span.unwrap_or(*slope)).collect();
+        let variance = dot(&linear.residual, &linear.residual) / record.rows.len().max(1) as f64;
+        let jacobian = record.jacobian(&linear, &spans);
         let mut found = Self {
             theta: settled.theta,
-            normal: DMatrix::identity(units.len(), units.len()) * (variance / REACH.powi(2)),
-            // How far the estimates may be held back by what keeps them within reach.
-            middle: DMatrix::identity(units.len(), units.len()) * (variance / REACH).powi(2),
             along: linear.along,
             units,
-            own_unit,
+            spans,
+            starts: linear.starts,
+            variance,
+            normal: DMatrix::zeros(0, 0),
+            middle: DMatrix::zeros(0, 0),
             noise: DMatrix::zeros(0, 0),
         };
-        jacobian.0.iter().for_each(|day| found.normal += day.tr_mul(day));
+        (found.normal, found.middle) = found.within_reach();
+        found.add_normal(&jacobian);
+        let shown = record.by_day(&vec![1.0; record.rows.len()]);
         found.noise = found
-            .unfitted(residual, &shown, &jacobian)
+            .unfitted(record.by_day(&linear.residual), &shown, &jacobian)
             .ok_or_else(|| cannot("one day is all that determines a parameter"))?;
         found.add_middle(&jacobian);
         Ok(found)
+    }
+
+    /// What the record would teach, were these the parameters; the noise stays as it is. `None` where the
+    /// model leaves the numbers.
+    pub(super) fn at(&self, problem: &Problem, theta: &[f64]) -> Option<Self> {
+        let record = DailySegments::new(problem, WholeDays::of(problem, 0).ok()?)?;
+        // First where the segments start with these parameters.
+        let starts = record.linear(problem, theta, &self.starts)?.starts;
+        let linear = record.linear(problem, theta, &starts)?;
+        let (normal, middle) = self.within_reach();
+        let mut found = Self { theta: theta.to_vec(), starts, normal, middle, ..self.clone() };
+        let jacobian = record.jacobian(&linear, &self.spans);
+        found.add_normal(&jacobian);
+        found.add_middle(&jacobian);
+        Some(found)
+    }
+
+    /// What keeps the estimates within reach, and how far that may hold them back.
+    fn within_reach(&self) -> (DMatrix<f64>, DMatrix<f64>) {
+        let identity = DMatrix::identity(self.along.len(), self.along.len());
+        (&identity * (self.variance / REACH.powi(2)), identity * (self.variance / REACH).powi(2))
     }
 
     /// The residuals as they would be had their own day not been fitted, on the footing of complete days.
@@ -161,10 +208,10 @@ impl Knowledge {
         &self,
         mut residual: DMatrix<f64>,
         shown: &DMatrix<f64>,
-        jacobian: &DailyJacobian,
+        jacobian: &[DMatrix<f64>],
     ) -> Option<DMatrix<f64>> {
         let days = residual.ncols();
-        for (day, rows) in jacobian.0.iter().enumerate() {
+        for (day, rows) in jacobian.iter().enumerate() {
             let others = (&self.normal - rows.tr_mul(rows)).cholesky()?;
             let step = others.solve(&rows.tr_mul(&residual.column(day)));
             let moved = rows * step;
@@ -177,36 +224,28 @@ impl Knowledge {
         Some(residual / (days as f64).sqrt())
     }
 
+    fn add_normal(&mut self, jacobian: &[DMatrix<f64>]) {
+        jacobian.iter().for_each(|day| self.normal += day.tr_mul(day));
+    }
+
     /// The noise of every past day on each of these days.
-    fn add_middle(&mut self, jacobian: &DailyJacobian) {
-        for day in &jacobian.0 {
+    fn add_middle(&mut self, jacobian: &[DMatrix<f64>]) {
+        for day in jacobian {
             let scores = day.tr_mul(&self.noise);
             self.middle += &scores * scores.transpose();
         }
     }
 
     /// What is known when days to come have been added: a problem that has them behind so many samples of
-    /// past, a parameter vector, and the states there at each sample. `None` where the model leaves the
-    /// numbers.
-    pub(super) fn with(
-        &self,
-        problem: &Problem,
-        theta: &[f64],
-        past: usize,
-        states: &[Vec<f64>],
-    ) -> Option<Self> {
-        let days = WholeDays::of(problem, past).ok()?;
-        let segments = Segments::new(problem, days.samples.clone(), SEGMENT_HOURS)?;
-        let starts: Vec<Vec<f64>> = segments
-            .first_samples()
-            .map(|k| states.get(k - past).cloned())
-            .collect::<Option<_>>()?;
-        let linear = segments.linearise(problem, problem.simulator(), theta, &starts)?;
-        let rows: Vec<(usize, usize)> = segments.rows().collect();
-        let outputs = problem.model().outputs().len();
-        let jacobian = DailyJacobian::new(&days, &rows, outputs, &in_units(&linear, &self.units));
+    /// past, and the states there at each sample. `None` where the model leaves the numbers.
+    pub(super) fn with(&self, problem: &Problem, past: usize, states: &[Vec<f64>]) -> Option<Self> {
+        let to_come = DailySegments::new(problem, WholeDays::of(problem, past).ok()?)?;
+        let firsts = to_come.segments.first_samples();
+        let starts: Vec<Vec<f64>> = firsts.map(|k| states.get(k - past).cloned()).collect::<Option<_>>()?;
+        let linear = to_come.linear(problem, &self.theta, &starts)?;
+        let jacobian = to_come.jacobian(&linear, &self.spans);
         let mut found = self.clone();
-        jacobian.0.iter().for_each(|day| found.normal += day.tr_mul(day));
+        found.add_normal(&jacobian);
         found.add_middle(&jacobian);
         Some(found)
     }
@@ -218,6 +257,23 @@ impl Knowledge {
     pub fn covariance(&self) -> Result<DMatrix<f64>, Fault> {
         let inverse = self.inverse()?;
         Ok(&inverse * &self.middle * inverse.transpose())
+    }
+
+    /// Half the width of a 95 % interval in deviations, which so many days tell no better (Student's t).
+    pub fn half_width(&self) -> f64 {
+        let freedom = self.noise.ncols() as f64 - 1.0;
+        StudentsT::new(0.0, 1.0, freedom).map_or(HALF_WIDTH, |t| t.inverse_cdf(0.975))
+    }
+
+    /// The width of an interval of a parameter from the deviation of its estimate in [`Self::units`], and its
+    /// unit: the parameter's own, or per cent of the estimate where it is searched on a logarithmic scale.
+    pub fn width<'a>(&self, problem: &'a Problem, place: usize, deviation: f64) -> (f64, &'a str) {
+        let parameter = &problem.model().parameters()[self.along[place]];
+        let width = 2.0 * self.half_width() * deviation * self.units[place];
+        match (parameter.scale, self.spans[place]) {
+            (Scale::Log, None) => (100.0 * width / self.theta[self.along[place]], PERCENT),
+            _ => (width, &parameter.unit),
+        }
     }
 
     fn inverse(&self) -> Result<DMatrix<f64>, Fault> {
@@ -254,7 +310,7 @@ impl Knowledge {
             let Some(dimension) = free.and_then(|free| dimensions.get(free)) else { continue };
             let value = theta[*parameter];
             let moved = moved[place] * self.units[place];
-            theta[*parameter] = if self.own_unit[place] {
+            theta[*parameter] = if self.spans[place].is_some() {
                 (value + moved).clamp(lower, upper)
             } else {
                 // Along the scale of the search, so that a positive value stays one.
@@ -263,12 +319,4 @@ impl Knowledge {
         }
         theta
     }
-}
-
-/// The Jacobian, a column per parameter in these units.
-fn in_units(linear: &Linear, units: &[f64]) -> Vec<Vec<f64>> {
-    let columns = linear.columns.iter().zip(&linear.slopes).zip(units);
-    columns
-        .map(|((column, slope), unit)| column.iter().map(|value| value * unit / slope).collect())
-        .collect()
 }

@@ -26,7 +26,8 @@ use crate::simulate::predict::Belief;
 use crate::units::error_unit;
 use ahead::{Course, DaysToCome};
 use indexmap::IndexMap;
-use information::{HALF_WIDTH, Knowledge};
+use information::Knowledge;
+use crate::estimate::uncertainty::covariance::WIDTH as HALF_WIDTH;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -42,6 +43,8 @@ pub use promise::{Learnt, PromisedWidth, learnt};
 const DRAWS: usize = 4;
 /// The most of the time that a plan may be expected to spend outside the comfort bounds.
 const OUTSIDE: f64 = 0.005;
+/// A sequence that breaks the comfort bounds is tried again at these shares of its way from the usual inputs.
+const SHARES: [f64; 4] = [1.0, 0.6, 0.35, 0.2];
 /// The longest experiment in days.
 pub const LONGEST_DAYS: usize = 14;
 /// Correlations above this are told as ties.
@@ -96,6 +99,9 @@ pub struct ExpectedLesson {
     pub unit: String,
     /// The estimate by segments of hours.
     pub value: f64,
+    /// The unit of the widths: its own, or per cent of the estimate where it is searched on a logarithmic
+    /// scale and cannot be nothing.
+    pub width_unit: String,
     /// The width of its 95 % interval now.
     pub width_before: f64,
     /// The width that is expected behind the experiment.
@@ -175,6 +181,8 @@ pub struct Experiment {
     pub tried: usize,
     /// Those that were left out because they would leave the comfort bounds.
     pub uncomfortable: usize,
+    /// What comfort is expected to cost if nobody drives anything; `null` where the model leaves the numbers.
+    pub undriven: Option<ComfortCost>,
     /// The instants of every plan.
     #[schema(value_type = Vec<String>)]
     pub time: Vec<String>,
@@ -187,8 +195,9 @@ struct Judges<'a> {
     known: &'a Knowledge,
     before: DMatrix<f64>,
     days: &'a DaysToCome<'a>,
-    /// Parameter vectors, the estimates first, and what is believed of the states with each.
-    draws: Vec<(Vec<f64>, Belief)>,
+    /// What the record teaches with each draw of the parameters, the estimates first, and what is believed of
+    /// the states then.
+    draws: Vec<(Knowledge, Belief)>,
     /// The places of what it is about, and of which size each is.
     about: Vec<(usize, f64)>,
 }
@@ -221,29 +230,23 @@ pub fn experiment(
     let about = checked(problem, asked)?;
     let one = |fault| vec![fault];
     let days = DaysToCome::new(problem, noise, asked.days, forecast)?;
-    let known = Knowledge::of(problem, theta, &about).map_err(one)?;
+    // What is told apart or looked for may as well be nothing.
+    let may_be_nothing = if asked.purpose == ExperimentPurpose::Determine { &[] } else { about.as_slice() };
+    let known = Knowledge::of(problem, theta, may_be_nothing).map_err(one)?;
     let judges = Judges::new(problem, &known, &days, asked, &about).map_err(one)?;
     let usual = days.usual(&asked.inputs).map_err(one)?;
     let of_families = PlanFamily::ALL.into_iter().flat_map(|family| (0..plans::DRAWN).map(move |n| (family, n)));
     let candidates: Vec<(PlanFamily, u64)> = of_families.collect();
-    let judged: Vec<Option<Judged>> = candidates
-        .par_iter()
-        .map(|(family, number)| {
-            let seed = asked.seed.wrapping_mul(1_000_003).wrapping_add(100 * *family as u64 + number);
-            let values = plans::drawn(*family, seed, &asked.inputs, &usual, &days.grid, days.past);
-            judges.judge(*family, values)
-        })
-        .collect();
-    let tried = judged.len();
-    let judged: Vec<Judged> = judged.into_iter().flatten().collect();
-    if judged.is_empty() {
-        return Err(vec![Fault::new("/inputs", "no-experiment", "the model leaves the numbers under any plan")]);
-    }
-    let hours = asked.days as f64 * 24.0;
-    let is_kept = |one: &&Judged| one.comfort.hours_outside <= OUTSIDE * hours;
-    let uncomfortable = judged.len() - judged.iter().filter(is_kept).count();
+    let judge = |(family, number): &(PlanFamily, u64)| {
+        let seed = asked.seed.wrapping_mul(1_000_003).wrapping_add(100 * *family as u64 + number);
+        let plan = plans::drawn(*family, seed, &asked.inputs, &usual, &days.grid, days.past);
+        SHARES.iter().find_map(|share| judges.judge(*family, plans::nearer(&plan, &usual, *share)))
+    };
+    let judged: Vec<Judged> = candidates.par_iter().filter_map(judge).collect();
+    let uncomfortable = candidates.len() - judged.len();
+    let undriven = judges.comfort(&days.driven(&asked.inputs, &usual)?).map(|(_, comfort)| comfort);
     let best = |family: PlanFamily| {
-        let of_family = judged.iter().filter(|one| one.family == family).filter(is_kept);
+        let of_family = judged.iter().filter(|one| one.family == family);
         of_family.max_by(|a, b| a.score.total_cmp(&b.score))
     };
     let mut best: Vec<&Judged> = PlanFamily::ALL.into_iter().filter_map(best).collect();
@@ -254,8 +257,9 @@ pub fn experiment(
         about: asked.about.clone(),
         sentences: Vec::new(),
         plans,
-        tried,
+        tried: candidates.len(),
         uncomfortable,
+        undriven,
         time: (days.past..days.grid.len()).map(|k| rfc3339(days.grid.time(k))).collect(),
     };
     found.sentences = sentences(&found, asked);
@@ -334,9 +338,9 @@ impl<'a> Judges<'a> {
         }
         let believed = |theta: Vec<f64>| {
             let belief = days.belief(&theta)?;
-            Some((theta, belief))
+            Some((known.at(problem, &theta)?, belief))
         };
-        let draws: Vec<(Vec<f64>, Belief)> = draws.into_par_iter().filter_map(believed).collect();
+        let draws: Vec<(Knowledge, Belief)> = draws.into_par_iter().filter_map(believed).collect();
         if draws.is_empty() {
             return Err(lost());
         }
@@ -352,35 +356,46 @@ impl<'a> Judges<'a> {
         Ok(Self { asked, problem, known, before, days, draws, about: places.into_iter().zip(sizes).collect() })
     }
 
-    /// Judges a plan over all draws. `None` where the model leaves the numbers with the estimates.
+    /// Where every draw goes under a plan, and what that costs. `None` where one leaves the numbers.
+    fn comfort(&self, driven: &Problem) -> Option<(Vec<Course>, ComfortCost)> {
+        let course = |(known, belief): &(Knowledge, Belief)| self.days.course(driven, &known.theta, belief);
+        let courses: Vec<Course> = self.draws.iter().map(course).collect::<Option<_>>()?;
+        let mut cost = ComfortCost { hours_outside: 0.0, largest_excursion: 0.0 };
+        for course in &courses {
+            let (hours, farthest) = self.discomfort(course);
+            cost.hours_outside += hours / courses.len() as f64;
+            cost.largest_excursion = cost.largest_excursion.max(farthest);
+        }
+        Some((courses, cost))
+    }
+
+    /// Judges a plan over all draws. `None` where it does not keep the comfort bounds, or the model leaves
+    /// the numbers.
     fn judge(&self, family: PlanFamily, values: Vec<Vec<f64>>) -> Option<Judged> {
         let driven = self.days.driven(&self.asked.inputs, &values).ok()?;
-        let mut first = None;
-        let (mut outside, mut excursion) = (0.0, 0.0f64);
-        let n = self.known.along.len();
-        let (mut sums, mut correlations, mut count) = (vec![0.0; n], DMatrix::zeros(n, n), 0.0);
-        for (theta, belief) in &self.draws {
-            let Some(course) = self.days.course(&driven, theta, belief) else { continue };
-            let Some(after) = self.days.learnt(self.known, &course, theta) else { continue };
-            let Ok(covariance) = after.covariance() else { continue };
-            let deviation = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-            sums.iter_mut().enumerate().for_each(|(i, sum)| *sum += deviation(i));
-            correlations += DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (deviation(i) * deviation(j)));
-            let (hours, farthest) = self.discomfort(&course);
-            (outside, excursion, count) = (outside + hours, excursion.max(farthest), count + 1.0);
-            first.get_or_insert(course);
+        let (courses, comfort) = self.comfort(&driven)?;
+        if comfort.hours_outside > OUTSIDE * 24.0 * self.asked.days as f64 {
+            return None;
         }
-        let deviations: Vec<f64> =
-            sums.iter().zip(&self.known.units).map(|(sum, unit)| sum / count * unit).collect();
-        let t = |(place, size): &(usize, f64)| size.abs() / deviations[*place];
+        let n = self.known.along.len();
+        let (mut deviations, mut correlations) = (vec![0.0; n], DMatrix::zeros(n, n));
+        for ((known, _), course) in self.draws.iter().zip(&courses) {
+            let covariance = self.days.learnt(known, &driven, course)?.covariance().ok()?;
+            let deviation = |i: usize| covariance[(i, i)].max(f64::MIN_POSITIVE).sqrt();
+            let share = 1.0 / courses.len() as f64;
+            deviations.iter_mut().enumerate().for_each(|(i, sum)| *sum += share * deviation(i));
+            correlations +=
+                DMatrix::from_fn(n, n, |i, j| share * covariance[(i, j)] / (deviation(i) * deviation(j)));
+        }
+        let t = |(place, size): &(usize, f64)| size.abs() / (deviations[*place] * self.known.units[*place]);
         Some(Judged {
             family,
             values,
-            comfort: ComfortCost { hours_outside: outside / count, largest_excursion: excursion },
+            comfort,
             score: self.about.iter().map(t).fold(f64::INFINITY, f64::min),
-            correlations: correlations / count,
+            correlations,
+            course: courses.into_iter().next()?,
             deviations,
-            course: first?,
         })
     }
 
@@ -411,17 +426,19 @@ impl<'a> Judges<'a> {
         let lesson = |place: usize| {
             let value = self.known.theta[self.known.along[place]];
             let size = size_of(place).unwrap_or(value);
-            let now = self.before[(place, place)].max(0.0).sqrt() * self.known.units[place];
-            let then = judged.deviations[place];
+            let (now, then) = (self.before[(place, place)].max(0.0).sqrt(), judged.deviations[place]);
+            let width = |deviation| self.known.width(self.problem, place, deviation);
+            let unit = self.known.units[place];
             ExpectedLesson {
                 parameter: parameter(place).name.clone(),
                 unit: parameter(place).unit.clone(),
                 value,
-                width_before: 2.0 * HALF_WIDTH * now,
-                width_after: 2.0 * HALF_WIDTH * then,
+                width_unit: width(now).1.to_owned(),
+                width_before: width(now).0,
+                width_after: width(then).0,
                 size,
-                t_before: size.abs() / now,
-                t_after: size.abs() / then,
+                t_before: size.abs() / (now * unit),
+                t_after: size.abs() / (then * unit),
             }
         };
         let asked: Vec<usize> = self.about.iter().map(|(place, _)| *place).collect();
@@ -502,7 +519,7 @@ fn sentence(plan: &ExperimentPlan, asked: &ExperimentAsked, unit: &str) -> Strin
     let lesson = |one: &ExpectedLesson| {
         format!(
             "the interval of {} narrows from {:.2} to {:.2} {} (t {:.1} to {:.1})",
-            one.parameter, one.width_before, one.width_after, one.unit, one.t_before, one.t_after
+            one.parameter, one.width_before, one.width_after, one.width_unit, one.t_before, one.t_after
         )
     };
     let comfort = if asked.comfort.is_empty() {
@@ -522,10 +539,14 @@ fn sentence(plan: &ExperimentPlan, asked: &ExperimentAsked, unit: &str) -> Strin
 /// What all of it says.
 fn sentences(found: &Experiment, asked: &ExperimentAsked) -> Vec<String> {
     let Some(best) = found.plans.first() else {
-        return vec![format!(
+        let mut said = vec![format!(
             "None of {} sequences keeps the comfort bounds: widen them, or narrow the range of the inputs.",
             found.tried
         )];
+        said.extend(found.undriven.iter().filter(|cost| cost.hours_outside >= 0.1).map(|cost| {
+            format!("Without an experiment {:.1} h outside them are expected as well.", cost.hours_outside)
+        }));
+        return said;
     };
     let about = best.lessons.iter().take(asked.about.len());
     let least = |t: fn(&ExpectedLesson) -> f64| about.clone().map(t).fold(f64::INFINITY, f64::min);

@@ -81,6 +81,14 @@ pub fn drawn(
     inputs.iter().zip(usual).map(one).collect()
 }
 
+/// A plan that goes so far from the usual inputs to what it is.
+pub fn nearer(plan: &[Vec<f64>], usual: &[Vec<f64>], share: f64) -> Vec<Vec<f64>> {
+    let between = |(plan, usual): (&Vec<f64>, &Vec<f64>)| {
+        usual.iter().zip(plan).map(|(usual, plan)| usual + share * (plan - usual)).collect()
+    };
+    plan.iter().zip(usual).map(between).collect()
+}
+
 fn any<T: Copy>(dice: &mut Xoshiro256PlusPlus, of: &[T]) -> T {
     of[dice.random_range(0..of.len())]
 }
@@ -148,7 +156,7 @@ fn pulses(
 fn slowed(input: &DrivenInput, usual: &[f64], wanted: &[f64], step_hours: f64) -> Vec<f64> {
     let [low, high] = input.range;
     let most = input.slew * step_hours;
-    let mut value = usual.first().map_or(low, |first| first.clamp(low, high));
+    let mut value = usual.first().copied().unwrap_or(low);
     let next = |wanted: &f64| {
         value += (wanted.clamp(low, high) - value).clamp(-most, most);
         value

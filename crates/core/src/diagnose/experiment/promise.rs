@@ -1,6 +1,6 @@
 //! Learnt as promised? The widths that a plan has promised beside those of a record that has the experiment.
 
-use super::information::{HALF_WIDTH, Knowledge};
+use super::information::{Knowledge, PERCENT};
 use crate::estimate::Problem;
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
@@ -15,8 +15,10 @@ const AS_PROMISED: f64 = 0.25;
 pub struct PromisedWidth {
     /// The parameter.
     pub parameter: String,
-    /// The width, in the parameter's unit.
+    /// The width.
     pub width: f64,
+    /// Its unit: the parameter's own, or per cent of the estimate.
+    pub width_unit: String,
 }
 
 /// What became of a promise.
@@ -24,10 +26,10 @@ pub struct PromisedWidth {
 pub struct Learnt {
     /// The parameter.
     pub parameter: String,
-    /// Its unit.
-    pub unit: String,
-    /// The estimate by segments of hours.
+    /// The estimate by segments of hours, in its unit.
     pub value: f64,
+    /// The unit of the widths.
+    pub width_unit: String,
     /// The width that was promised.
     pub promised: f64,
     /// The width that came.
@@ -61,20 +63,30 @@ pub fn learnt(problem: &Problem, theta: &[f64], promised: &[PromisedWidth]) -> R
         return Err(faults);
     }
     let one = |fault| vec![fault];
-    let known = Knowledge::of(problem, theta, &places).map_err(one)?;
+    let in_own_unit = |(_, promised): &(&usize, &PromisedWidth)| promised.width_unit != PERCENT;
+    let may_be_nothing: Vec<usize> =
+        places.iter().zip(promised).filter(in_own_unit).map(|(place, _)| *place).collect();
+    let known = Knowledge::of(problem, theta, &may_be_nothing).map_err(one)?;
     let covariance = known.covariance().map_err(one)?;
     let compared = |(index, promised): (&usize, &PromisedWidth)| {
         let place = known.place(*index)?;
-        let found = 2.0 * HALF_WIDTH * covariance[(place, place)].max(0.0).sqrt() * known.units[place];
+        let (found, unit) = known.width(problem, place, covariance[(place, place)].max(0.0).sqrt());
         let kept = found <= (1.0 + AS_PROMISED) * promised.width;
-        let (name, unit) = (parameters[*index].name.clone(), parameters[*index].unit.clone());
+        let name = parameters[*index].name.clone();
         let verdict = if kept { "as promised" } else { "less than promised" };
         let sentence = format!(
             "{name}: learnt {verdict}; the interval is {found:.2} {unit} wide, {:.2} were promised.",
             promised.width
         );
-        let value = known.theta[*index];
-        Some(Learnt { parameter: name, unit, value, promised: promised.width, found, kept, sentence })
+        Some(Learnt {
+            parameter: name,
+            value: known.theta[*index],
+            width_unit: unit.to_owned(),
+            promised: promised.width,
+            found,
+            kept,
+            sentence,
+        })
     };
     Ok(places.iter().zip(promised).filter_map(compared).collect())
 }
