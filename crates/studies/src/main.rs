@@ -6,6 +6,7 @@ mod complexity;
 mod control;
 mod diagnose;
 mod engine;
+mod experiments;
 mod file;
 mod fleet;
 mod functions;
@@ -64,6 +65,8 @@ enum Study {
     Diagnose(Worlds),
     /// Whether what is missing hour by hour holds what was hidden, on synthetic rooms of three weeks.
     MissingHeat(Worlds),
+    /// Whether planned experiments of two days teach what they promise, on synthetic rooms of two weeks.
+    Experiments(Worlds),
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
     /// days.
     Real(real::Arguments),
@@ -104,6 +107,7 @@ impl Study {
             Self::Room(asked) => ("room", Some(asked.first.seed)),
             Self::Diagnose(asked) => ("diagnose", Some(asked.first.seed)),
             Self::MissingHeat(asked) => ("missing-heat", Some(asked.first.seed)),
+            Self::Experiments(asked) => ("experiments", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
@@ -186,6 +190,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::Bands(asked) => real::bands::run(asked)?,
         Study::Diagnose(asked) => diagnose::run(asked)?,
         Study::MissingHeat(asked) => missing_heat::run(asked)?,
+        Study::Experiments(asked) => experiments::run(asked)?,
         Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };
     if as_json {

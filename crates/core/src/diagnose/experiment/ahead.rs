@@ -28,35 +28,37 @@ pub(super) struct Course {
 }
 
 impl<'a> DaysToCome<'a> {
-    /// So many days behind the record of a problem. Every channel repeats the last such days, but for those
-    /// that are forecast.
+    /// So many days behind the record of a problem. Every channel repeats the last such days, or where these
+    /// are to be passed over so often earlier ones, but for those that are forecast.
     ///
     /// # Errors
     /// Where the record is shorter than these days, or its step no part of a day.
     pub fn new(
         problem: &'a Problem,
         noise: &'a Noise,
-        days: usize,
+        (days, back): (usize, usize),
         forecast: &InputsToCome,
     ) -> Result<Self, Vec<Fault>> {
         let record = problem.grid();
         let per_day = WholeDays::of(problem, 0).map_err(|fault| vec![fault])?.per_day;
         let (samples, last) = (days * per_day, record.len() - 1);
-        if samples > last {
+        if samples * (back + 1) > last {
             let detail = format!("the record of the fit is shorter than {days} days");
             return Err(vec![Fault::new("/days", "too-long", detail)]);
         }
         let model = problem.model();
-        let back = |input| samples_back(model.longest_delay(input), record.step_hours());
-        let past = (0..model.inputs().len()).map(back).max().unwrap_or(0).min(last);
+        let reach = |input| samples_back(model.longest_delay(input), record.step_hours());
+        let past = (0..model.inputs().len()).map(reach).max().unwrap_or(0).min(last);
         let start = record.time(last - past);
         let mut grid = Grid::new(start, record.step(), past + samples + 1).map_err(|fault| vec![fault])?;
         for (channel, column) in record.columns() {
-            // Up to now as it was, then the last days once more.
-            let order = (last - past..last).chain(last - samples..=last);
+            // Up to now as it was, then the days once more.
+            let end = last - back * samples;
+            let order = (last - past..last).chain(end - samples..=end);
             let values: Vec<f64> = order.map(|k| column.values()[k]).collect();
             let complete = Column::complete(column.unit(), column.hold(), values);
-            grid = complete.and_then(|column| grid.with_column(channel, column)).map_err(|fault| vec![fault])?;
+            grid =
+                complete.and_then(|column| grid.with_column(channel, column)).map_err(|fault| vec![fault])?;
         }
         let grid = forecast.laid_on(grid).map_err(|fault| vec![fault])?;
         Ok(Self { problem, noise, grid, past })

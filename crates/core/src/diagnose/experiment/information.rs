@@ -12,23 +12,31 @@
 //! of those to come as well: with `s = J' r`, the middle matrix of a day is the mean of `s s'` over the past
 //! days. That is the sandwich of generalised estimating equations with one covariance for all clusters (Pan
 //! 2001, Biometrika 88, 901-906), and it knows how loud the noise is and how long it lasts without a model of
-//! it. Each residual is first what it would be had its own day not been fitted (the jackknife of clusters;
-//! Bell and McCaffrey 2002, Survey Methodology 28, 169-181).
+//! it. Each residual is first made as large as it was before its own day was fitted (the "CR2" of Bell and
+//! McCaffrey 2002, Survey Methodology 28, 169-181).
 
 use crate::estimate::Problem;
+use crate::estimate::decompose::symmetric;
 use crate::estimate::segments::shooting::settle;
 use crate::estimate::segments::{Linear, REACH, Segments, dot};
-use crate::fault::Fault;
 use crate::estimate::uncertainty::covariance::WIDTH as HALF_WIDTH;
+use crate::fault::Fault;
 use crate::model::Scale;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::ops::Range;
 
-/// Length of the segments in hours: as far ahead as rooms are controlled, and a whole part of a day.
-pub const SEGMENT_HOURS: f64 = 12.0;
+/// Length of the segments in hours: a day, so that its noise meets the same starts on every day, and slow
+/// states are held together.
+const SEGMENT_HOURS: f64 = 24.0;
 /// The unit of widths that are shares of the estimate.
 pub(super) const PERCENT: &str = "%";
+/// A draw whose squared error grows by more than this over what the linear model says is taken nearer, so
+/// often at most.
+const ERRS_MORE: f64 = 2.0;
+const HALVINGS: usize = 6;
+/// A direction of a day's residual that the fit has taken up to more than this share tells nothing more.
+const MOST_FITTED: f64 = 0.99;
 /// Fewest past days whose noise says anything of the days to come.
 pub const FEWEST_DAYS: usize = 5;
 
@@ -123,11 +131,12 @@ pub struct Knowledge {
     spans: Vec<Option<f64>>,
     /// Where the segments of the record start.
     starts: Vec<Vec<f64>>,
-    /// The variance of the residual, as if it were white.
+    /// The variance of the residual, as if it were white, and the sum of its squares.
     variance: f64,
+    squares: f64,
     normal: DMatrix<f64>,
     middle: DMatrix<f64>,
-    /// The residual of each past day, had it not been fitted; a column each.
+    /// The noise of each past day over the root of their number; a column each.
     noise: DMatrix<f64>,
 }
 
@@ -145,8 +154,9 @@ impl Knowledge {
             let detail = format!("{FEWEST_DAYS} whole days are needed to know the noise; there are fewer");
             return Err(cannot(&detail));
         }
-        let record = DailySegments::new(problem, days)
-            .ok_or_else(|| cannot("a model without a filter, or a record without measurements, has no segments"))?;
+        let record = DailySegments::new(problem, days).ok_or_else(|| {
+            cannot("a model without a filter, or a record without measurements, has no segments")
+        })?;
         let numbers = || cannot("the model leaves the numbers");
         let starts = record.segments.starts(problem, theta);
         let settled = settle(problem, &record.segments, theta, &starts, &|| false).ok_or_else(numbers)?;
@@ -159,7 +169,7 @@ impl Knowledge {
         };
         let spans: Vec<Option<f64>> = linear.along.iter().map(span).collect();
         let units = spans.iter().zip(&linear.slopes).map(|(span, slope)| span.unwrap_or(*slope)).collect();
-        let variance = dot(&linear.residual, &linear.residual) / record.rows.len().max(1) as f64;
+        let squares = dot(&linear.residual, &linear.residual);
         let jacobian = record.jacobian(&linear, &spans);
         let mut found = Self {
             theta: settled.theta,
@@ -167,7 +177,8 @@ impl Knowledge {
             units,
             spans,
             starts: linear.starts,
-            variance,
+            variance: squares / record.rows.len().max(1) as f64,
+            squares,
             normal: DMatrix::zeros(0, 0),
             middle: DMatrix::zeros(0, 0),
             noise: DMatrix::zeros(0, 0),
@@ -184,13 +195,14 @@ impl Knowledge {
 
     /// What the record would teach, were these the parameters; the noise stays as it is. `None` where the
     /// model leaves the numbers.
-    pub(super) fn at(&self, problem: &Problem, theta: &[f64]) -> Option<Self> {
+    pub fn at(&self, problem: &Problem, theta: &[f64]) -> Option<Self> {
         let record = DailySegments::new(problem, WholeDays::of(problem, 0).ok()?)?;
         // First where the segments start with these parameters.
         let starts = record.linear(problem, theta, &self.starts)?.starts;
         let linear = record.linear(problem, theta, &starts)?;
         let (normal, middle) = self.within_reach();
-        let mut found = Self { theta: theta.to_vec(), starts, normal, middle, ..self.clone() };
+        let squares = dot(&linear.residual, &linear.residual);
+        let mut found = Self { theta: theta.to_vec(), starts, squares, normal, middle, ..self.clone() };
         let jacobian = record.jacobian(&linear, &self.spans);
         found.add_normal(&jacobian);
         found.add_middle(&jacobian);
@@ -203,25 +215,32 @@ impl Knowledge {
         (&identity * (self.variance / REACH.powi(2)), identity * (self.variance / REACH).powi(2))
     }
 
-    /// The residuals as they would be had their own day not been fitted, on the footing of complete days.
+    /// The residuals as large as they were before their own days were fitted, on the footing of complete
+    /// days: `(I - H)^(-1/2) r` with the hat matrix `H = J N^-1 J'` of a day.
     fn unfitted(
         &self,
         mut residual: DMatrix<f64>,
         shown: &DMatrix<f64>,
         jacobian: &[DMatrix<f64>],
     ) -> Option<DMatrix<f64>> {
-        let days = residual.ncols();
+        let factor = self.normal.clone().cholesky()?;
         for (day, rows) in jacobian.iter().enumerate() {
-            let others = (&self.normal - rows.tr_mul(rows)).cholesky()?;
-            let step = others.solve(&rows.tr_mul(&residual.column(day)));
-            let moved = rows * step;
+            // H = A A', and its eigenvalues are those of A' A, which is small.
+            let a = factor.l().solve_lower_triangular(&rows.transpose())?.transpose();
+            let found = symmetric(a.tr_mul(&a))?;
+            let grown = found.eigenvalues.map(|value| match value.clamp(0.0, MOST_FITTED) {
+                value if value > 1e-12 => ((1.0 - value).sqrt().recip() - 1.0) / value,
+                _ => 0.5,
+            });
+            let along = found.eigenvectors.tr_mul(&a.tr_mul(&residual.column(day)));
+            let moved = a * (found.eigenvectors * along.component_mul(&grown));
             residual.column_mut(day).axpy(1.0, &moved, 1.0);
         }
         for row in 0..residual.nrows() {
             let seen = shown.row(row).sum().max(1.0);
-            residual.row_mut(row).scale_mut(((days as f64 - 1.0) / seen).sqrt());
+            residual.row_mut(row).scale_mut(seen.sqrt().recip());
         }
-        Some(residual / (days as f64).sqrt())
+        Some(residual)
     }
 
     fn add_normal(&mut self, jacobian: &[DMatrix<f64>]) {
@@ -277,9 +296,11 @@ impl Knowledge {
     }
 
     fn inverse(&self) -> Result<DMatrix<f64>, Fault> {
-        self.normal.clone().cholesky().map(|factor| factor.inverse()).ok_or_else(|| {
-            Fault::new("/system", "no-experiment", "the data do not determine the parameters")
-        })
+        self.normal
+            .clone()
+            .cholesky()
+            .map(|factor| factor.inverse())
+            .ok_or_else(|| Fault::new("/system", "no-experiment", "the data do not determine the parameters"))
     }
 
     /// The place of a parameter among the estimated ones.
@@ -299,17 +320,36 @@ impl Knowledge {
         Ok(self.theta[self.along[place]] - moved * self.units[place])
     }
 
-    /// A parameter vector so many deviations away along each axis of the covariance, within the bounds.
-    pub(super) fn drawn(&self, problem: &Problem, root: &DMatrix<f64>, normal: &DVector<f64>) -> Vec<f64> {
-        let moved = root * normal;
+    /// What the record would teach at a draw of the parameters: so many deviations away along each column of
+    /// a root of the covariance. Where the model errs much more there than the linear one says, the draw is
+    /// taken half as far away. `None` where the model leaves the numbers all the way.
+    pub(super) fn drawn(
+        &self,
+        problem: &Problem,
+        root: &DMatrix<f64>,
+        normal: &DVector<f64>,
+    ) -> Option<Self> {
+        let mut moved = root * normal;
+        for _ in 0..HALVINGS {
+            let expected = (&self.normal * &moved).dot(&moved);
+            let there = self.at(problem, &self.moved(problem, &moved));
+            if let Some(there) = there.filter(|there| there.squares - self.squares <= ERRS_MORE * expected) {
+                return Some(there);
+            }
+            moved *= 0.5;
+        }
+        None
+    }
+
+    /// The parameter vector that lies this far away, within the bounds.
+    fn moved(&self, problem: &Problem, moved: &DVector<f64>) -> Vec<f64> {
         let mut theta = self.theta.clone();
         let dimensions = problem.space().dimensions();
         for (place, parameter) in self.along.iter().enumerate() {
             let [lower, upper] = problem.bounds()[*parameter];
             let free = problem.free().iter().position(|free| free == parameter);
             let Some(dimension) = free.and_then(|free| dimensions.get(free)) else { continue };
-            let value = theta[*parameter];
-            let moved = moved[place] * self.units[place];
+            let (value, moved) = (theta[*parameter], moved[place] * self.units[place]);
             theta[*parameter] = if self.spans[place].is_some() {
                 (value + moved).clamp(lower, upper)
             } else {
@@ -318,5 +358,110 @@ impl Knowledge {
             };
         }
         theta
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    const DAYS: usize = 14;
+    const ROWS: usize = 24;
+    const PARAMETERS: usize = 4;
+
+    fn normal(dice: &mut Xoshiro256PlusPlus) -> f64 {
+        let (u, v): (f64, f64) = (dice.random(), dice.random());
+        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+
+    /// Slow shapes, so that noise that lasts matters.
+    fn jacobian(dice: &mut Xoshiro256PlusPlus, days: usize) -> Vec<DMatrix<f64>> {
+        let day = |_| {
+            let shapes: Vec<(f64, f64)> = (0..PARAMETERS).map(|_| (normal(dice), normal(dice))).collect();
+            DMatrix::from_fn(ROWS, PARAMETERS, |row, i| {
+                let (level, swing) = shapes[i];
+                level + swing * (row as f64 / ROWS as f64 * std::f64::consts::TAU * (i + 1) as f64).sin()
+            })
+        };
+        (0..days).map(day).collect()
+    }
+
+    fn noise(dice: &mut Xoshiro256PlusPlus, days: usize) -> DMatrix<f64> {
+        let mut noise = DMatrix::zeros(ROWS, days);
+        for day in 0..days {
+            let mut value = normal(dice) / (1.0f64 - 0.81).sqrt();
+            for row in 0..ROWS {
+                noise[(row, day)] = value;
+                value = 0.9 * value + normal(dice);
+            }
+        }
+        noise
+    }
+
+    /// Least squares on days of noise, whose truth is nothing: the estimate and what is known.
+    fn fitted(jacobian: &[DMatrix<f64>], noise: &DMatrix<f64>) -> (DVector<f64>, Knowledge) {
+        let n = PARAMETERS;
+        let mut known = Knowledge {
+            theta: vec![0.0; n],
+            along: (0..n).collect(),
+            units: vec![1.0; n],
+            spans: vec![None; n],
+            starts: Vec::new(),
+            variance: 0.0,
+            squares: 0.0,
+            normal: DMatrix::zeros(n, n),
+            middle: DMatrix::zeros(n, n),
+            noise: DMatrix::zeros(0, 0),
+        };
+        known.add_normal(jacobian);
+        let mut right = DVector::zeros(n);
+        jacobian.iter().enumerate().for_each(|(day, rows)| right += rows.tr_mul(&noise.column(day)));
+        let estimate = known.normal.clone().cholesky().unwrap().solve(&right);
+        let mut residual = noise.clone();
+        for (day, rows) in jacobian.iter().enumerate() {
+            let fit = rows * &estimate;
+            residual.column_mut(day).axpy(-1.0, &fit, 1.0);
+        }
+        let shown = DMatrix::from_element(ROWS, noise.ncols(), 1.0);
+        known.noise = known.unfitted(residual, &shown, jacobian).unwrap();
+        known.add_middle(jacobian);
+        (estimate, known)
+    }
+
+    #[test]
+    fn intervals_hold_the_truth_and_promises_come_true_under_noise_that_lasts() {
+        let mut dice = Xoshiro256PlusPlus::seed_from_u64(11);
+        let all = jacobian(&mut dice, DAYS + 2);
+        let (mut held, mut promised, mut found) = (0, 0.0, 0.0);
+        let runs = 300;
+        for _ in 0..runs {
+            let noise = noise(&mut dice, DAYS + 2);
+            let (estimate, known) = fitted(&all[..DAYS], &noise.columns(0, DAYS).clone_owned());
+            let half = known.half_width() * known.covariance().unwrap().map_diagonal(|v| v.sqrt());
+            held += (0..PARAMETERS).filter(|i| estimate[*i].abs() <= half[*i]).count();
+            // What is expected of two more days, and how far the estimates with them really err.
+            let mut after = known;
+            after.add_normal(&all[DAYS..]);
+            after.add_middle(&all[DAYS..]);
+            promised += after.covariance().unwrap().trace();
+            found += fitted(&all, &noise).0.norm_squared();
+        }
+        let share = held as f64 / (runs * PARAMETERS) as f64;
+        assert!((0.91..=0.98).contains(&share), "{share}");
+        assert!((0.8..1.25).contains(&(promised / found)), "{}", promised / found);
+    }
+
+    #[test]
+    fn a_day_that_alone_determines_a_parameter_does_not_make_the_noise_loud() {
+        let mut dice = Xoshiro256PlusPlus::seed_from_u64(4);
+        let mut all = jacobian(&mut dice, DAYS);
+        // Only the first day moves the last parameter, and strongly.
+        all.iter_mut().skip(1).for_each(|day| day.column_mut(PARAMETERS - 1).fill(0.0));
+        let noise = noise(&mut dice, DAYS);
+        let (_, known) = fitted(&all, &noise);
+        let loudness = known.noise.norm_squared() / noise.norm_squared() * DAYS as f64;
+        assert!((0.7..1.3).contains(&loudness), "{loudness}");
     }
 }

@@ -140,7 +140,8 @@ fn pulses(
     while k < wanted.len() {
         let length = samples(any(dice, &PULSE_HOURS), grid);
         let pause = length + samples(dice.random_range(0.0..2.0), grid);
-        for value in [base, other].into_iter().zip([pause, length]).flat_map(|(v, n)| std::iter::repeat_n(v, n))
+        for value in
+            [base, other].into_iter().zip([pause, length]).flat_map(|(v, n)| std::iter::repeat_n(v, n))
         {
             if k < wanted.len() && is_night(k) {
                 wanted[k] = value;
@@ -163,4 +164,3 @@ fn slowed(input: &DrivenInput, usual: &[f64], wanted: &[f64], step_hours: f64) -
     };
     wanted.iter().map(next).collect()
 }
-

@@ -45,7 +45,11 @@ pub struct Learnt {
 ///
 /// # Errors
 /// A fault of a parameter that is not estimated, and those of [`Knowledge::of`].
-pub fn learnt(problem: &Problem, theta: &[f64], promised: &[PromisedWidth]) -> Result<Vec<Learnt>, Vec<Fault>> {
+pub fn learnt(
+    problem: &Problem,
+    theta: &[f64],
+    promised: &[PromisedWidth],
+) -> Result<Vec<Learnt>, Vec<Fault>> {
     let parameters = problem.model().parameters();
     let mut faults = Vec::new();
     let mut places = Vec::new();

@@ -36,6 +36,11 @@ impl InputsToCome {
         self
     }
 
+    /// Whether there is one of a channel.
+    pub fn has(&self, channel: &str) -> bool {
+        self.of(channel).is_some()
+    }
+
     pub(super) fn of(&self, channel: &str) -> Option<&InputToCome> {
         self.0.iter().find(|input| input.series.channel() == channel)
     }

@@ -129,6 +129,11 @@ impl Subject {
         NamedFit { id: &self.record.id, system, fit: &self.record.fit }
     }
 
+    /// The models and effects that there are.
+    pub(super) fn catalogue(&self) -> &Catalogue {
+        &self.catalogue
+    }
+
     /// All that was measured. This is work for the CPU pool.
     pub(super) fn window(&self) -> Result<Window, ServiceError> {
         let model: ModelId =
