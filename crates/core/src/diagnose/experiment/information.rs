@@ -13,7 +13,8 @@
 //! days. That is the sandwich of generalised estimating equations with one covariance for all clusters (Pan
 //! 2001, Biometrika 88, 901-906), and it knows how loud the noise is and how long it lasts without a model of
 //! it. Each residual is first made as large as it was before its own day was fitted (the "CR2" of Bell and
-//! McCaffrey 2002, Survey Methodology 28, 169-181).
+//! McCaffrey 2002, Survey Methodology 28, 169-181), which is right for white noise. Noise that lasts is more
+//! easily mistaken for parameters: all of it is scaled until a fit would leave of it what is left.
 
 use crate::estimate::Problem;
 use crate::estimate::decompose::symmetric;
@@ -35,6 +36,8 @@ pub(super) const PERCENT: &str = "%";
 /// often at most.
 const ERRS_MORE: f64 = 2.0;
 const HALVINGS: usize = 6;
+/// Noise is taken to be so many times as loud at most (as a variance) as its residual says.
+const LOUDEST: f64 = 4.0;
 /// A direction of a day's residual that the fit has taken up to more than this share tells nothing more.
 const MOST_FITTED: f64 = 0.99;
 /// Fewest past days whose noise says anything of the days to come.
@@ -187,8 +190,8 @@ impl Knowledge {
         found.add_normal(&jacobian);
         let shown = record.by_day(&vec![1.0; record.rows.len()]);
         found.noise = found
-            .unfitted(record.by_day(&linear.residual), &shown, &jacobian)
-            .ok_or_else(|| cannot("one day is all that determines a parameter"))?;
+            .noise_behind(record.by_day(&linear.residual), &shown, &jacobian)
+            .ok_or_else(|| cannot("the data do not determine the parameters"))?;
         found.add_middle(&jacobian);
         Ok(found)
     }
@@ -215,14 +218,50 @@ impl Knowledge {
         (&identity * (self.variance / REACH.powi(2)), identity * (self.variance / REACH).powi(2))
     }
 
-    /// The residuals as large as they were before their own days were fitted, on the footing of complete
-    /// days: `(I - H)^(-1/2) r` with the hat matrix `H = J N^-1 J'` of a day.
-    fn unfitted(
+    /// The noise of which a fit leaves these residuals, on the footing of complete days.
+    fn noise_behind(
         &self,
         mut residual: DMatrix<f64>,
         shown: &DMatrix<f64>,
         jacobian: &[DMatrix<f64>],
     ) -> Option<DMatrix<f64>> {
+        let inverse = self.inverse().ok()?;
+        let mut unfitted = self.unfitted(residual.clone(), jacobian)?;
+        for row in 0..residual.nrows() {
+            let share = shown.row(row).sum().max(1.0).sqrt().recip();
+            residual.row_mut(row).scale_mut(share);
+            unfitted.row_mut(row).scale_mut(share);
+        }
+        let scores: Vec<DMatrix<f64>> = jacobian.iter().map(|day| day.tr_mul(&unfitted)).collect();
+        let n = inverse.nrows();
+        let mut middle = DMatrix::<f64>::zeros(n, n);
+        scores.iter().for_each(|scores| middle += scores * scores.transpose());
+        // What a fit to such noise would leave in the residuals of each day, on every day's Jacobian: that of
+        // e_d - J_d N^-1 sum of J' e, and that of the residuals there are.
+        let (mut expected, mut seen) = (DMatrix::<f64>::zeros(n, n), DMatrix::<f64>::zeros(n, n));
+        let around = &inverse * &middle * &inverse;
+        for (rows, on) in jacobian.iter().zip(&scores) {
+            let here = rows.tr_mul(&residual);
+            seen += &here * here.transpose();
+            for (fitted, own) in jacobian.iter().zip(&scores) {
+                let both = rows.tr_mul(fitted);
+                let taken = &both * &inverse * own * on.transpose();
+                let left =
+                    on * on.transpose() - &taken - taken.transpose() + &both * &around * both.transpose();
+                expected += left / jacobian.len() as f64;
+            }
+        }
+        let apparent = |middle: DMatrix<f64>| (&inverse * middle * &inverse).diagonal();
+        let (expected, seen) = (apparent(expected), apparent(seen));
+        let ratios =
+            seen.iter().zip(&expected).map(|(seen, expected)| seen / expected.max(f64::MIN_POSITIVE));
+        let louder = (ratios.sum::<f64>() / n as f64).clamp(1.0, LOUDEST);
+        Some(unfitted * louder.sqrt())
+    }
+
+    /// The residuals as large as they were before their own days were fitted: `(I - H)^(-1/2) r` with the hat
+    /// matrix `H = J N^-1 J'` of a day.
+    fn unfitted(&self, mut residual: DMatrix<f64>, jacobian: &[DMatrix<f64>]) -> Option<DMatrix<f64>> {
         let factor = self.normal.clone().cholesky()?;
         for (day, rows) in jacobian.iter().enumerate() {
             // H = A A', and its eigenvalues are those of A' A, which is small.
@@ -235,10 +274,6 @@ impl Knowledge {
             let along = found.eigenvectors.tr_mul(&a.tr_mul(&residual.column(day)));
             let moved = a * (found.eigenvectors * along.component_mul(&grown));
             residual.column_mut(day).axpy(1.0, &moved, 1.0);
-        }
-        for row in 0..residual.nrows() {
-            let seen = shown.row(row).sum().max(1.0);
-            residual.row_mut(row).scale_mut(seen.sqrt().recip());
         }
         Some(residual)
     }
@@ -425,7 +460,7 @@ mod tests {
             residual.column_mut(day).axpy(-1.0, &fit, 1.0);
         }
         let shown = DMatrix::from_element(ROWS, noise.ncols(), 1.0);
-        known.noise = known.unfitted(residual, &shown, jacobian).unwrap();
+        known.noise = known.noise_behind(residual, &shown, jacobian).unwrap();
         known.add_middle(jacobian);
         (estimate, known)
     }

@@ -59,8 +59,10 @@ pub struct PlannedSeries {
 /// What a plan is expected to cost in comfort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ComfortCost {
-    /// Expected hours outside the bounds.
+    /// Expected hours outside the bounds, in the mean of the draws of the parameters and of the weather.
     pub hours_outside: f64,
+    /// The same for the worst of them.
+    pub worst_hours: f64,
     /// How far an output leaves them at the worst instant, with 95 % and for every draw of the parameters, in
     /// its unit; zero where it does not.
     pub largest_excursion: f64,
