@@ -14,8 +14,9 @@
 //! how large a finding is. `present` asks whether a window still shows what the model has already, `ledger`
 //! adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left
 //! by hour of the day, `missing_heat` what flows unseen at every hour, `evidence` lays the error beside an
-//! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests.
-//! `lampyris bench diagnose`, `real` and `missing-heat` measure all of it, on synthetic rooms and real ones.
+//! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests. `experiment`
+//! plans which inputs to drive so that more is known. `lampyris bench diagnose`, `real`, `missing-heat` and
+//! `experiments` measure all of it, on synthetic rooms and real ones.
 
 mod acceptance;
 mod chosen;

@@ -170,8 +170,8 @@ pub(super) fn sentences(found: &Experiment, asked: &ExperimentAsked) -> Vec<Stri
             asked.days
         ),
         ExperimentPurpose::Separate => format!(
-            "{what} will hardly be told apart in {} days by these inputs: the lesser t is expected to go from \
-            {before:.1} to {after:.1}, and 3 is wanted.",
+            "{what} will hardly be told apart in {} days by these inputs: the lesser t is expected to go \
+            from {before:.1} to {after:.1}, and 3 is wanted.",
             asked.days
         ),
         ExperimentPurpose::Determine => {
