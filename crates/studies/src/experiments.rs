@@ -1,5 +1,5 @@
 //! Whether planned experiments teach what they promise, on synthetic rooms whose truth is known: a plan is
-//! made from two weeks, the room itself is driven by it for two days, and the same knowledge is taken again.
+//! made from four weeks, the room itself is driven by it for two days, and the same knowledge is taken again.
 
 use super::options::Worlds;
 use super::row::Row;
@@ -18,7 +18,7 @@ use lampyris_core::simulate::kalman::Noise;
 use lampyris_core::twin::{DrivenForward, Level, World, WorldRequest, world};
 
 /// Days of the record, and of the experiment.
-const DAYS: usize = 14;
+const DAYS: usize = 28;
 const DRIVEN: usize = 2;
 /// Samples of a day and of an hour.
 const PER_DAY: usize = 96;

@@ -65,7 +65,7 @@ enum Study {
     Diagnose(Worlds),
     /// Whether what is missing hour by hour holds what was hidden, on synthetic rooms of three weeks.
     MissingHeat(Worlds),
-    /// Whether planned experiments of two days teach what they promise, on synthetic rooms of two weeks.
+    /// Whether planned experiments of two days teach what they promise, on synthetic rooms of four weeks.
     Experiments(Worlds),
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
     /// days.
