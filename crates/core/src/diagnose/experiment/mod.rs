@@ -58,6 +58,7 @@ const PROMISED: f64 = 0.75;
 const SHARES: [f64; 4] = [1.0, 0.6, 0.35, 0.2];
 /// Correlations above this are told as ties.
 const TIED: f64 = 0.7;
+
 /// Everything that plans are judged by.
 struct Judges<'a> {
     asked: &'a ExperimentAsked,
@@ -253,11 +254,13 @@ impl<'a> Judges<'a> {
             correlations +=
                 DMatrix::from_fn(n, n, |i, j| share * covariance[(i, j)] / (deviation(i) * deviation(j)));
         }
-        let promised = |mut drawn: Vec<f64>| {
+        // Days more take nothing away from what is known now, wherever a draw may lie.
+        let promised = |(place, mut drawn): (usize, Vec<f64>)| {
             drawn.sort_by(f64::total_cmp);
-            drawn[((drawn.len() - 1) as f64 * PROMISED).round() as usize]
+            let now = self.before[(place, place)].max(0.0).sqrt();
+            drawn[((drawn.len() - 1) as f64 * PROMISED).round() as usize].min(now)
         };
-        let deviations: Vec<f64> = deviations.into_iter().map(promised).collect();
+        let deviations: Vec<f64> = deviations.into_iter().enumerate().map(promised).collect();
         let t = |(place, size): &(usize, f64)| size.abs() / (deviations[*place] * self.known.units[*place]);
         Some(Judged {
             family,
