@@ -18,6 +18,7 @@ use lampyris_core::estimate::forecast::InputsToCome;
 use lampyris_core::estimate::{Fit, Replay, Site};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::Catalogue;
+use lampyris_core::schema::Interval;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
