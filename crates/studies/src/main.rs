@@ -7,6 +7,7 @@ mod complexity;
 mod control;
 mod diagnose;
 mod engine;
+mod experiments;
 mod file;
 mod fleet;
 mod functions;
@@ -71,6 +72,8 @@ enum Study {
     /// How soon and how rightly a parameter that changes is told, night by night, and how often one is told
     /// that has not: of five synthetic rooms one is quiet for a year.
     Change(Worlds),
+    /// Whether planned experiments of two days teach what they promise, on synthetic rooms of four weeks.
+    Experiments(Worlds),
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
     /// days.
     Real(real::Arguments),
@@ -113,6 +116,7 @@ impl Study {
             Self::MissingHeat(asked) => ("missing-heat", Some(asked.first.seed)),
             Self::Proposals(asked) => ("proposals", Some(asked.first.seed)),
             Self::Change(asked) => ("change", Some(asked.first.seed)),
+            Self::Experiments(asked) => ("experiments", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
@@ -197,6 +201,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::MissingHeat(asked) => missing_heat::run(asked)?,
         Study::Proposals(asked) => proposals::run(asked)?,
         Study::Change(asked) => change::run(asked)?,
+        Study::Experiments(asked) => experiments::run(asked)?,
         Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };
     if as_json {

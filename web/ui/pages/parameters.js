@@ -17,6 +17,7 @@ import { decision, Reason } from '../parts/dialog.js';
 import { Rail } from '../charts/rail.js';
 import { Curve } from '../charts/curve.js';
 import { Correlations, isOf } from './correlations.js';
+import { PlanExperiment } from './experiment.js';
 import { Likelihood } from './likelihood.js';
 import { Said } from './said.js';
 import { States } from './states.js';
@@ -38,6 +39,7 @@ export function Parameters({ system, document, params, fit, reload }) {
     ${changes.data?.change && html`<p class="note"><${Term} of="change">Changed</${Term}>: ${changes.data.sentence}</p>`}
     <${Shown} of=${chosen} what="the fit" show=${data => html`
       <${Values} fit=${data} history=${history.data ?? []} change=${changes.data?.change} />
+      ${!REPORT && params && html`<${PlanExperiment} fit=${data} system=${system} zone=${document.location?.zone ?? 'UTC'} />`}
       ${!REPORT && html`<${Mathematics} fit=${data} />`}
       <${Likelihood} fit=${data} />
       <${Judgement} fit=${data} ask=${setAsking} done=${done} />`} />

@@ -15,9 +15,9 @@
 //! adds up what the windows of a system show, `failures` says where a model fails, `unexplained` what is left
 //! by hour of the day, `missing_heat` what flows unseen at every hour, `proposals` which term of what was
 //! measured explains it, `change` since when a parameter is another one, `evidence` lays the error beside an
-//! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests.
-//! `lampyris bench diagnose`, `real`, `missing-heat`, `proposals` and `change` measure all of it, on synthetic rooms and
-//! real ones.
+//! effect's shape, `ladder` adds effects one after another, `nested` by likelihood-ratio tests. `experiment`
+//! plans which inputs to drive so that more is known. `lampyris bench diagnose`, `real`, `missing-heat`,
+//! `proposals`, `change` and `experiments` measure all of it, on synthetic rooms and real ones.
 
 mod acceptance;
 pub mod change;
@@ -26,6 +26,7 @@ pub mod course;
 mod effort;
 mod error;
 pub mod evidence;
+pub mod experiment;
 pub mod failures;
 mod findings;
 pub mod ladder;

@@ -14,7 +14,7 @@
 //! gate and a diagnosis ask. `gate` decides what may be served, and `tune` chooses the settings of a search.
 //! No room imports one that stands after it below.
 
-mod decompose;
+pub(crate) mod decompose;
 
 pub mod problem;
 

@@ -27,4 +27,4 @@ pub use noisy::{NoisyTwin, noisy};
 pub use plant::{PlantRequest, PlantTwin, plant};
 pub use rates::ChangedParameter;
 pub use room::{RoomTwin, room};
-pub use world::{HiddenEffect, Level, Truth, World, WorldRequest, world};
+pub use world::{DrivenForward, HiddenEffect, Level, Truth, World, WorldRequest, world};

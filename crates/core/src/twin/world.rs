@@ -56,6 +56,17 @@ pub struct WorldRequest {
     pub more: bool,
     /// A parameter that is another one from a day on; `None` where nothing changes.
     pub change: Option<ChangedParameter>,
+    /// What somebody sets the forward temperature to over a part of it.
+    pub driven: Option<DrivenForward>,
+}
+
+/// A forward temperature that is set. Nothing else of the world differs from that which is left alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DrivenForward {
+    /// The sample of the window at which it begins.
+    pub from: usize,
+    /// degC at each sample from there on, on straight lines between them.
+    pub values: Vec<f64>,
 }
 
 impl WorldRequest {
@@ -69,6 +80,22 @@ impl WorldRequest {
             step_minutes: 15,
             more: effects.iter().any(|effect| MEASURED.contains(effect)),
             change: None,
+            driven: None,
+        }
+    }
+}
+
+impl DrivenForward {
+    /// The forward temperature of a climate, set as it is told.
+    fn set(&self, forward: &mut [f64], per_sample: usize) {
+        let first = WARM_UP_DAYS * STEPS_PER_DAY + self.from * per_sample;
+        for (sample, pair) in self.values.windows(2).enumerate() {
+            for step in 0..=per_sample {
+                let part = step as f64 / per_sample as f64;
+                if let Some(value) = forward.get_mut(first + sample * per_sample + step) {
+                    *value = pair[0] + part * (pair[1] - pair[0]);
+                }
+            }
         }
     }
 }
@@ -167,7 +194,7 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         Ok::<_, Fault>((first_day + change.day * STEPS_PER_DAY, rates.changed(change)?))
     };
     let later = request.change.as_ref().map(later).transpose()?;
-    let room = Room { rates, later, level: request.level, climate, more, heat };
+    let mut room = Room { rates, later, level: request.level, climate, more, heat };
     let bare = shown(&room.states(&[]), &[]);
     let mut hidden = Vec::new();
     let mut effects = Vec::new();
@@ -188,13 +215,17 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         });
         hidden.push(effect);
     }
+    let per_sample = request.step_minutes / STEP_MINUTES;
+    if let Some(driven) = &request.driven {
+        driven.set(&mut room.climate.forward, per_sample);
+    }
     let states = room.states(&hidden);
     let measured = shown(&states, &hidden);
     let contact =
         hidden.iter().find(|effect| effect.kind == Kind::Window).filter(|_| dice.uniform() < 0.5).cloned();
     let csv = write(&room, &measured, request, contact.as_ref(), &mut dice);
     let neighbours = (1..=NEIGHBOURS).map(|n| n.to_string()).collect();
-    let ahead = room.ahead(&states, &hidden, request.step_minutes / STEP_MINUTES);
+    let ahead = room.ahead(&states, &hidden, per_sample);
     let truth = Truth {
         seed: request.seed,
         level: request.level,
@@ -203,7 +234,6 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
         household_heat,
         sensor_noise: SENSOR_NOISE,
     };
-    let per_sample = request.step_minutes / STEP_MINUTES;
     let first = WARM_UP_DAYS * STEPS_PER_DAY;
     let by_sample = |heat: &dyn Fn(usize) -> f64| -> Vec<f64> {
         let heat: Vec<f64> = (first..states.len() - 1).map(heat).collect();

@@ -79,6 +79,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("get_forecast", Some(Read), System),
     ("post_forecast", Some(Read), System),
     ("get_forecast_inputs", Some(Read), System),
+    ("post_experiments", Some(Read), System),
     ("get_forecast_scores", Some(Read), System),
     ("get_model_in_force", Some(Read), System),
     ("get_linearisation", Some(Read), System),

@@ -21,6 +21,7 @@ mod docs;
 mod events;
 mod evidence;
 mod examples;
+mod experiments;
 mod export;
 mod extract;
 mod fits;

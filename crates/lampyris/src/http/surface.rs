@@ -5,8 +5,8 @@ use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
     access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
-    evidence, export, extract, fits, forecast, history, influx, jobs, language, layout, matrix, metrics,
-    missing_heat, models, nights, overview, parameter_changes, params, preview, problem, prometheus,
+    evidence, experiments, export, extract, fits, forecast, history, influx, jobs, language, layout, matrix,
+    metrics, missing_heat, models, nights, overview, parameter_changes, params, preview, problem, prometheus,
     proposals, samples, schedules, series, service, state, systems, web, windows,
 };
 use crate::service::query::matrix::cells::MatrixRow;
@@ -77,6 +77,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(history::router())
         .merge(comparison::router())
         .merge(forecast::router())
+        .merge(experiments::router())
         .merge(export::router())
         .merge(diagnostics::router())
         .merge(missing_heat::router())

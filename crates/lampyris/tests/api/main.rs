@@ -12,6 +12,7 @@ mod diagnose_batches;
 mod diagnoses;
 mod events;
 mod evidence;
+mod experiments;
 mod export;
 mod fast;
 mod faults;

@@ -1,8 +1,8 @@
 //! Where the hours to come begin, and what drives them.
 
-use super::inputs::{InputToCome, InputsToCome};
+use super::inputs::InputsToCome;
 use crate::data::HOUR;
-use crate::data::{Column, Duration, Grid, Series, Window, rfc3339};
+use crate::data::{Duration, Grid, Series, Window, rfc3339};
 use crate::estimate::assess::metrics::noise_of;
 use crate::estimate::assess::replay::Replay;
 use crate::estimate::fit::Fit;
@@ -163,28 +163,9 @@ fn grid(
     };
     let window = to_come.behind(Window::from_series(known.filter_map(before).collect())?)?;
     let columns = Columns::of(model, &window);
-    let mut grid = window.grid_on(frame, &columns.request())?;
-    for input in to_come.iter() {
-        grid = told(grid, input).map_err(|fault| vec![fault])?;
-    }
+    let grid = window.grid_on(frame, &columns.request())?;
+    let grid = to_come.laid_on(grid).map_err(|fault| vec![fault])?;
     with_computed(grid, model, problem.basis())
-}
-
-/// The grid with a series of the hours to come as it goes by itself. It has no gaps: weather services speak
-/// by the hour of tomorrow, and by six of next week.
-fn told(grid: Grid, InputToCome { series, since }: &InputToCome) -> Result<Grid, Fault> {
-    let channel = series.channel();
-    let alone = Window::from_series(vec![series.clone()]).ok();
-    let Some(before) = grid.column(channel) else { return Ok(grid) };
-    let Some(alone) = alone.and_then(|alone| alone.column_on(&grid, channel, before.hold(), u32::MAX)) else {
-        return Ok(grid);
-    };
-    let (mut values, mut valid) = (before.values().to_vec(), before.valid().to_vec());
-    for k in (0..grid.len()).filter(|k| grid.time(*k) >= *since && alone.valid()[*k]) {
-        (values[k], valid[k]) = (alone.values()[k], true);
-    }
-    let column = Column::new(before.unit(), before.hold(), values, valid)?;
-    grid.with_column(channel, column)
 }
 
 /// Refuses inputs that end before the forecast does, each by name.

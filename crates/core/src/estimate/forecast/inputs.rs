@@ -1,6 +1,6 @@
 //! What drives the hours to come: inputs that a request gives, and forecasts of them that were kept.
 
-use crate::data::{Series, Window};
+use crate::data::{Column, Grid, Series, Window};
 use crate::fault::Fault;
 
 /// The inputs of the hours to come.
@@ -36,12 +36,42 @@ impl InputsToCome {
         self
     }
 
+    /// Whether there is one of a channel.
+    pub fn has(&self, channel: &str) -> bool {
+        self.of(channel).is_some()
+    }
+
     pub(super) fn of(&self, channel: &str) -> Option<&InputToCome> {
         self.0.iter().find(|input| input.series.channel() == channel)
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = &InputToCome> {
+    fn iter(&self) -> impl Iterator<Item = &InputToCome> {
         self.0.iter()
+    }
+
+    /// A grid with these inputs as each goes by itself, from where it counts on. They have no gaps: weather
+    /// services speak by the hour of tomorrow, and by six of next week. Inputs without a column are left out.
+    ///
+    /// # Errors
+    /// A fault where a value is not finite.
+    pub fn laid_on(&self, mut grid: Grid) -> Result<Grid, Fault> {
+        for InputToCome { series, since } in self.iter() {
+            let channel = series.channel();
+            let alone = Window::from_series(vec![series.clone()]).ok();
+            let Some(before) = grid.column(channel) else { continue };
+            let Some(alone) =
+                alone.and_then(|alone| alone.column_on(&grid, channel, before.hold(), u32::MAX))
+            else {
+                continue;
+            };
+            let (mut values, mut valid) = (before.values().to_vec(), before.valid().to_vec());
+            for k in (0..grid.len()).filter(|k| grid.time(*k) >= *since && alone.valid()[*k]) {
+                (values[k], valid[k]) = (alone.values()[k], true);
+            }
+            let column = Column::new(before.unit(), before.hold(), values, valid)?;
+            grid = grid.with_column(channel, column)?;
+        }
+        Ok(grid)
     }
 
     /// What was measured, and what counts behind it, as one window.

@@ -2,7 +2,7 @@
 
 use super::Problem;
 use super::choices::Choices;
-use crate::data::Grid;
+use crate::data::{Grid, Split};
 use crate::estimate::problem::prior::Prior;
 use crate::fault::Fault;
 use crate::interrupt::Brake;
@@ -59,6 +59,31 @@ impl Problem {
     pub fn with_model(&self, model: Model, grid: Grid, choices: &Choices) -> Result<Self, Vec<Fault>> {
         let problem = Self::new(model, grid, self.split.clone(), choices, self.source.clone())?;
         Ok(problem.with_brake(self.brake()).with_starts(self.starts.clone()))
+    }
+
+    /// The same question on other measurements, all of which are to train on; measured states start where
+    /// these say.
+    ///
+    /// # Errors
+    /// Every channel of the model that the grid does not have.
+    pub fn on(&self, grid: Grid) -> Result<Self, Vec<Fault>> {
+        let column = |channel: &str| -> Result<_, Vec<Fault>> {
+            let column = grid.require(channel).map_err(|fault| vec![fault])?;
+            Ok((column.values().to_vec(), column.valid().to_vec()))
+        };
+        let measured =
+            self.model.outputs().iter().map(|output| column(&output.channel)).collect::<Result<_, _>>()?;
+        let (inputs, all) = (Inputs::new(&self.model, &grid)?, 0..grid.len());
+        let problem = Self {
+            split: Split { train: all.clone(), validation: all.end..all.end, test: all.end..all.end },
+            inputs: inputs.averaged_over(all),
+            measured,
+            starts: IndexMap::new(),
+            grid,
+            ..self.clone()
+        };
+        let simulator = problem.simulator_over(&problem.inputs, self.simulator.substeps());
+        Ok(Self { simulator, ..problem })
     }
 
     fn simulator_over(&self, inputs: &Inputs, substeps: usize) -> Simulator {

@@ -1,5 +1,6 @@
 //! What the parameters in force say of the hours to come: the forecast, and the linear model along it.
 
+use super::chart;
 use super::subject::{self, Subject};
 use crate::service::decode::decode;
 use crate::service::error::ServiceError;
@@ -46,11 +47,11 @@ pub struct HoursToCome {
 #[derive(Debug, Serialize, ToSchema)]
 pub struct InForce {
     /// The system.
-    system: SystemId,
+    pub(super) system: SystemId,
     /// The revision whose parameters it uses.
-    revision: i64,
+    pub(super) revision: i64,
     /// The fit behind it.
-    fit: String,
+    pub(super) fit: String,
 }
 
 /// A forecast.
@@ -152,7 +153,7 @@ struct Question {
 impl Question {
     async fn read(service: &Service, system: &SystemId, body: Value) -> Result<Self, ServiceError> {
         let request: HoursToCome = decode(body).map_err(ServiceError::Faults)?;
-        let given = request.inputs.map(given).transpose()?;
+        let given = request.inputs.map(|inputs| given(inputs, "/inputs")).transpose()?;
         let asked = ForecastAsked {
             horizon: request.horizon.unwrap_or(HORIZON),
             step: request.step.unwrap_or(STEP),
@@ -177,14 +178,28 @@ impl Question {
     }
 }
 
-/// Runs the fit behind the revision that is served, and what is wanted of it. `asked` names the question;
-/// `until` ends what is looked at.
+/// Runs the fit behind the revision that is served, and what is wanted of it as JSON.
 async fn answer<T: Serialize>(
     service: &Service,
     system: &SystemId,
     asked: &str,
     until: Option<i64>,
     wanted: impl FnOnce(InForce, &Subject, &Window, &Replay) -> Result<T, ServiceError> + Send + 'static,
+) -> Result<RenderedAnswer, ServiceError> {
+    rendered(service, system, asked, until, move |in_force, subject, window, replay| {
+        chart::json(&wanted(in_force, subject, window, replay)?)
+    })
+    .await
+}
+
+/// Runs the fit behind the revision that is served, and what is wanted of it. `asked` names the question;
+/// `until` ends what is looked at.
+pub(super) async fn rendered(
+    service: &Service,
+    system: &SystemId,
+    asked: &str,
+    until: Option<i64>,
+    wanted: impl FnOnce(InForce, &Subject, &Window, &Replay) -> Result<Vec<u8>, ServiceError> + Send + 'static,
 ) -> Result<RenderedAnswer, ServiceError> {
     let (number, record) = subject::in_force(service, system).await?;
     let key = subject::key(service, "ahead", &[&record], &format!("{number} {asked}")).await?;
@@ -198,15 +213,14 @@ async fn answer<T: Serialize>(
     let work = move |brake: &Brake| {
         let window = subject.window()?;
         let replay = subject.replay(&window, Some(until), brake)?;
-        let answer = wanted(in_force, &subject, &window, &replay)?;
-        serde_json::to_vec(&answer).map_err(|error| ServiceError::Internal(error.to_string()))
+        wanted(in_force, &subject, &window, &replay)
     };
     service.interactive.answer(&key, work).await
 }
 
-/// The inputs that a request gives, read as a window is; all of them are forecasts.
-fn given(inputs: Value) -> Result<Window, ServiceError> {
-    let within = |fault: Fault| Fault { pointer: format!("/inputs{}", fault.pointer), ..fault };
+/// The inputs that a request gives at a place of its body, read as a window is; all of them are forecasts.
+pub(super) fn given(inputs: Value, place: &str) -> Result<Window, ServiceError> {
+    let within = |fault: Fault| Fault { pointer: format!("{place}{}", fault.pointer), ..fault };
     let none = || vec![Fault::new("/values", "no-data-column", "there are no inputs")];
     let role = Some(ColumnRole::Forecast);
     WindowParts::parse_json(inputs.to_string().as_bytes(), &ColumnBindings::none(), role)
