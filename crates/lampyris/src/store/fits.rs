@@ -336,8 +336,9 @@ pub async fn summary(store: &Store, id: &str) -> Result<Option<(String, bool)>, 
 /// # Errors
 /// Where the database fails.
 pub async fn changes_up_to(store: &Store, id: &str) -> Result<Vec<ParameterChange>, StoreError> {
+    // Most have seen none, and are told so by their own row.
     let sql = "SELECT f.id, f.listed FROM fits f JOIN fits own ON own.system = f.system WHERE own.id = $1 \
-        AND f.created_at <= own.created_at AND f.listed LIKE '%\"changed\":%' ORDER BY f.created_at DESC, \
+        AND own.listed LIKE '%\"changed\":%' AND f.created_at <= own.created_at AND f.listed LIKE '%\"changed\":%' ORDER BY f.created_at DESC, \
         f.id = own.id DESC LIMIT $2";
     let rows: Vec<(String, String)> =
         query_as(sql).bind(id).bind(CHANGES_BACK).fetch_all(&store.reader).await?;

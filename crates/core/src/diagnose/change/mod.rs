@@ -32,6 +32,8 @@ use whitened::Whitened;
 /// A change of so many deviations is told. The largest of all parameters on all days of a year of nights, in
 /// synthetic rooms in which nothing changes, is from 3.2 to 4.3 in most (`lampyris bench change`).
 pub const THRESHOLD: f64 = 4.5;
+/// From so many deviations on the likeliest parameters are sought before anything is told.
+const NEAR: f64 = 3.5;
 /// A record of so many days is looked at: long enough to know how it was before, and short beside a season.
 pub const WINDOW_DAYS: usize = 42;
 /// A fall of the squared statistic by this much bounds the days on which a change may have come: the 95 %
@@ -77,7 +79,13 @@ pub struct ChangeRecord<'a> {
 /// # Errors
 /// As [`ChangeRecord::new`].
 pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fault> {
-    let record = ChangeRecord::likeliest(problem, theta)?;
+    let record = ChangeRecord::new(problem, theta, usize::MAX)?;
+    let found = record.changes(0..record.days());
+    // Most nights nothing comes near, and the other passes are spared.
+    if found.largest.is_none_or(|largest| largest < NEAR) {
+        return Ok(found);
+    }
+    let record = record.likeliest();
     Ok(record.changes(0..record.days()))
 }
 
@@ -88,7 +96,7 @@ pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fau
 /// # Errors
 /// As [`ChangeRecord::new`].
 pub fn settled(problem: &Problem, theta: &[f64]) -> Result<Vec<f64>, Fault> {
-    Ok(ChangeRecord::likeliest(problem, theta)?.theta)
+    Ok(ChangeRecord::new(problem, theta, usize::MAX)?.likeliest().theta)
 }
 
 impl<'a> ChangeRecord<'a> {
@@ -112,18 +120,18 @@ impl<'a> ChangeRecord<'a> {
         Ok(Self { problem, theta: theta.to_vec(), whitened, scan })
     }
 
-    /// A record along the likeliest parameters near others.
-    fn likeliest(problem: &'a Problem, theta: &[f64]) -> Result<Self, Fault> {
-        let mut record = Self::new(problem, theta, usize::MAX)?;
+    /// The record along the likeliest parameters near its own.
+    fn likeliest(self) -> Self {
+        let mut record = self;
         for _ in 0..ROUNDS {
             let Some(next) = record.nearer() else { break };
-            let Ok(there) = Self::new(problem, &next, usize::MAX) else { break };
+            let Ok(there) = Self::new(record.problem, &next, usize::MAX) else { break };
             if there.whitened.likelihood < record.whitened.likelihood + GAIN {
                 break;
             }
             record = there;
         }
-        Ok(record)
+        record
     }
 
     /// How many days it has, the first and the last of which may be short.
