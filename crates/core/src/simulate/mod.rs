@@ -41,7 +41,7 @@ mod vectors;
 pub use crate::model::Stepper;
 pub use drive::Inputs;
 pub use lanes::LANES;
-pub use segment::NextStep;
+pub use segment::StepAlong;
 pub use trajectory::{Simulator, Trajectory};
 
 /// Longest internal step of the default stepper in hours: ten minutes, as measured for rooms.

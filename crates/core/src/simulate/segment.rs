@@ -10,7 +10,7 @@ use std::ops::Range;
 
 /// A sample of one parameter vector, from states that were given.
 #[derive(Debug, Clone, PartialEq)]
-pub struct NextStep {
+pub struct StepAlong {
     /// The states at the next sample.
     pub states: Vec<f64>,
     /// The outputs at this one.
@@ -43,15 +43,15 @@ impl Simulator {
     /// sample of `along`: `[sample][vector]`. The last sample has no later one, nor has one behind which the
     /// inputs are unknown; their states stay as they are. Only models that step with their samples have such
     /// runs.
-    pub fn steps_along(&self, along: &[Vec<f64>], thetas: &[&[f64]]) -> Vec<Vec<NextStep>> {
-        let mut steps: Vec<Vec<NextStep>> = vec![Vec::with_capacity(thetas.len()); along.len()];
+    pub fn steps_along(&self, along: &[Vec<f64>], thetas: &[&[f64]]) -> Vec<Vec<StepAlong>> {
+        let mut steps: Vec<Vec<StepAlong>> = vec![Vec::with_capacity(thetas.len()); along.len()];
         for thetas in thetas.chunks(LANES) {
             self.block_along(along, thetas, &mut steps);
         }
         steps
     }
 
-    fn block_along(&self, along: &[Vec<f64>], thetas: &[&[f64]], steps: &mut [Vec<NextStep>]) {
+    fn block_along(&self, along: &[Vec<f64>], thetas: &[&[f64]], steps: &mut [Vec<StepAlong>]) {
         let (step_tape, drive, substeps, hours) = self.step_parts();
         let (output_tape, output_drive) = self.output_parts();
         let mut file = LaneFile::<LANES>::new(step_tape);
@@ -75,7 +75,7 @@ impl Simulator {
                     file.advance();
                 }
             }
-            steps.extend((0..thetas.len()).map(|lane| NextStep {
+            steps.extend((0..thetas.len()).map(|lane| StepAlong {
                 states: (0..states).map(|state| file.state(state)[lane]).collect(),
                 outputs: (0..outputs).map(|output| out.root(output)[lane]).collect(),
             }));

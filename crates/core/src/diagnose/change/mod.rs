@@ -23,7 +23,7 @@ use crate::estimate::Problem;
 use crate::estimate::fit::parameter_change::ParameterChange;
 use crate::fault::Fault;
 use crate::model::{Parameter, Scale};
-use scan::{Scan, Step};
+use scan::{Scan, ScannedStep};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use utoipa::ToSchema;
@@ -180,7 +180,7 @@ impl<'a> ChangeRecord<'a> {
         rfc3339((self.whitened.first_day + day as i64) * DAY)
     }
 
-    fn told(&self, step: Step, all: &[Step]) -> ParameterChange {
+    fn told(&self, step: ScannedStep, all: &[ScannedStep]) -> ParameterChange {
         let index = self.whitened.parameters[step.place];
         let parameter = &self.problem.model().parameters()[index];
         let square = step.z().powi(2);

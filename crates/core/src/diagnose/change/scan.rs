@@ -17,7 +17,7 @@ const LEFT: f64 = 1e-4;
 
 /// A parameter that changes on a day, and what the record says of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Step {
+pub(super) struct ScannedStep {
     /// The parameter, by its place among those that may change.
     pub place: usize,
     /// The day of the record with whose beginning it changes.
@@ -29,7 +29,7 @@ pub(super) struct Step {
     pub before: f64,
 }
 
-impl Step {
+impl ScannedStep {
     /// The size in its deviations.
     pub fn z(&self) -> f64 {
         self.size / self.deviation
@@ -114,7 +114,7 @@ impl Scan {
 
     /// Every parameter that may have changed on every day of a stretch of days, and could be told within it:
     /// a change as large as its reach would be of `threshold` deviations.
-    pub fn steps(&self, days: Range<usize>, threshold: f64) -> Vec<Step> {
+    pub fn steps(&self, days: Range<usize>, threshold: f64) -> Vec<ScannedStep> {
         let Some(known) = Known::of(self, days.clone()) else { return Vec::new() };
         let last = days.end.saturating_sub(BEHIND_DAYS);
         (days.start + BEFORE_DAYS..=last)
@@ -178,7 +178,7 @@ impl Known {
     }
 
     /// A step with its deviation.
-    fn step(&self, scan: &Scan, place: usize, day: usize) -> Option<Step> {
+    fn step(&self, scan: &Scan, place: usize, day: usize) -> Option<ScannedStep> {
         let Beside { size, left, apart } = self.beside(scan, place, day)?;
         let changing = &scan.changing[day][place];
         // Innovations should be of deviation one, and no two lean on each other. How far they are from that,
@@ -195,7 +195,7 @@ impl Known {
         }
         let wider = (squares / expected).max(1.0);
         let deviation = (wider / left).sqrt();
-        (size.is_finite() && deviation.is_finite()).then_some(Step {
+        (size.is_finite() && deviation.is_finite()).then_some(ScannedStep {
             place,
             day,
             size,

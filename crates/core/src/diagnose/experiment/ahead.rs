@@ -21,7 +21,7 @@ pub(super) struct DaysToCome<'a> {
 }
 
 /// Where the model goes in the days to come, from now on.
-pub(super) struct Course {
+pub(super) struct DrivenCourse {
     pub states: Vec<Vec<f64>>,
     pub outputs: Vec<Vec<f64>>,
     pub output_deviations: Vec<Vec<f64>>,
@@ -98,11 +98,11 @@ impl<'a> DaysToCome<'a> {
     }
 
     /// Where the model goes under inputs, from what is believed now; `None` where it leaves the numbers.
-    pub fn course(&self, driven: &Problem, theta: &[f64], belief: &Belief) -> Option<Course> {
+    pub fn course(&self, driven: &Problem, theta: &[f64], belief: &Belief) -> Option<DrivenCourse> {
         let found = driven.filter()?.predict(theta, self.noise, self.past, belief);
         let whole = found.states.len() == self.grid.len() - self.past;
         let is_finite = found.outputs.iter().flatten().all(|value| value.is_finite());
-        (whole && is_finite).then_some(Course {
+        (whole && is_finite).then_some(DrivenCourse {
             states: found.states,
             outputs: found.outputs,
             output_deviations: found.output_deviations,
@@ -110,7 +110,7 @@ impl<'a> DaysToCome<'a> {
     }
 
     /// What is known behind such days.
-    pub fn learnt(&self, known: &Knowledge, driven: &Problem, course: &Course) -> Option<Knowledge> {
+    pub fn learnt(&self, known: &Knowledge, driven: &Problem, course: &DrivenCourse) -> Option<Knowledge> {
         known.with(driven, self.past, &course.states)
     }
 }

@@ -11,10 +11,9 @@
 //! hours. Days hardly lean on each other, so the noise of each past day is laid on the Jacobian of every day,
 //! of those to come as well: with `s = J' r`, the middle matrix of a day is the mean of `s s'` over the past
 //! days. That is the sandwich of generalised estimating equations with one covariance for all clusters (Pan
-//! 2001, Biometrika 88, 901-906), and it knows how loud the noise is and how long it lasts without a model of
-//! it. Each residual is first made as large as it was before its own day was fitted (the "CR2" of Bell and
-//! McCaffrey 2002, Survey Methodology 28, 169-181), which is right for white noise. Noise that lasts is more
-//! easily mistaken for parameters: all of it is scaled until a fit would leave of it what is left.
+//! 2001, Biometrika 88, 901-906). Each residual is first made as large as it was before its own day was
+//! fitted ("CR2", Bell and McCaffrey 2002, Survey Methodology 28, 169-181). Noise that lasts is taken for
+//! parameters more easily: all of it is scaled until a fit would leave of it what is left.
 
 use crate::estimate::Problem;
 use crate::estimate::decompose::symmetric;
@@ -32,8 +31,7 @@ use std::ops::Range;
 const SEGMENT_HOURS: f64 = 24.0;
 /// The unit of widths that are shares of the estimate.
 pub(super) const PERCENT: &str = "%";
-/// A draw whose squared error grows by more than this over what the linear model says is taken nearer, so
-/// often at most.
+/// A draw whose squares grow by more than this over the linear model's is taken nearer, so often at most.
 const ERRS_MORE: f64 = 2.0;
 const HALVINGS: usize = 6;
 /// Noise is taken to be so many times as loud at most (as a variance) as its residual says.

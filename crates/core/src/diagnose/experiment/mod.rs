@@ -30,7 +30,7 @@ use crate::fault::Fault;
 use crate::simulate::kalman::Noise;
 use crate::simulate::predict::Belief;
 use crate::units::error_unit;
-use ahead::{Course, DaysToCome};
+use ahead::{DaysToCome, DrivenCourse};
 use asked::checked;
 use information::Knowledge;
 use nalgebra::{DMatrix, DVector};
@@ -83,7 +83,7 @@ struct Judged {
     score: f64,
     deviations: Vec<f64>,
     correlations: DMatrix<f64>,
-    course: Course,
+    course: DrivenCourse,
 }
 
 /// The best plan of each family for what is asked, from the parameters `theta` of a fit and its noise on. The
@@ -207,7 +207,7 @@ impl<'a> Judges<'a> {
 
     /// Where each draw goes under a plan, with weather of its own, and what that costs; the weather of the
     /// last days counts for each in the cost as well. `None` where the model leaves the numbers.
-    fn comfort(&self, driven: &[Problem]) -> Option<(Vec<Course>, ComfortCost)> {
+    fn comfort(&self, driven: &[Problem]) -> Option<(Vec<DrivenCourse>, ComfortCost)> {
         let mut cost = ComfortCost { hours_outside: 0.0, worst_hours: 0.0, largest_excursion: 0.0 };
         let (mut courses, mut count) = (Vec::new(), 0.0);
         for (one, (known, belief)) in self.draws.iter().enumerate() {
@@ -274,7 +274,7 @@ impl<'a> Judges<'a> {
     }
 
     /// Expected hours outside the comfort bounds, and how far outside the 95 % band comes.
-    fn discomfort(&self, course: &Course) -> (f64, f64) {
+    fn discomfort(&self, course: &DrivenCourse) -> (f64, f64) {
         let step = self.problem.grid().step_hours();
         let (mut hours, mut farthest) = (0.0, 0.0f64);
         let Ok(standard) = Normal::new(0.0, 1.0) else { return (hours, farthest) };

@@ -159,7 +159,8 @@ fn slowed(input: &DrivenInput, usual: &[f64], wanted: &[f64], step_hours: f64) -
     let most = input.slew * step_hours;
     let mut value = usual.first().copied().unwrap_or(low);
     let next = |wanted: &f64| {
-        value += (wanted.clamp(low, high) - value).clamp(-most, most);
+        let wanted = wanted.clamp(low, high);
+        value = if (wanted - value).abs() <= most { wanted } else { value + most.copysign(wanted - value) };
         value
     };
     wanted.iter().map(next).collect()

@@ -78,8 +78,10 @@ fn the_best_of_each_family_narrows_what_it_is_about_and_is_the_same_on_two_threa
     let first = &found.plans[0];
     let lesson = &first.lessons[0];
     assert_eq!((lesson.parameter.as_str(), lesson.width_unit.as_str()), ("alpha_w", "%"));
-    // A heating curve that wanders by little, and then two days of steps over its whole range.
-    assert!(lesson.width_after < 0.8 * lesson.width_before, "{lesson:?}");
+    // Two days beside ten, of a room whose thermostat hides what is asked about: little, but never less.
+    assert!(lesson.width_after < lesson.width_before, "{lesson:?}");
+    let narrowed = first.lessons.iter().any(|one| one.width_after < 0.9 * one.width_before);
+    assert!(narrowed, "{:?}", first.lessons);
     assert!(first.outputs["T_room"].values.iter().all(|t| (15.0..=28.0).contains(t)));
     assert!(found.sentences[1].contains("alpha_w"), "{:?}", found.sentences);
 

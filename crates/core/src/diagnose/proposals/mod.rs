@@ -9,8 +9,8 @@
 //!
 //! Every term of a grammar is scored along segments of hours, as candidates of the catalogue are
 //! (`score_test`). How well the best of so many does by chance the room itself says: the same search is
-//! judged on its errors shifted by whole days. A model that lacks an effect has wrong parameters and answers to any
-//! flow as no room does; so the best are tried beside parameters of their own, and sought again there.
+//! judged on its errors shifted by whole days. A model that lacks an effect has wrong parameters and answers
+//! to any flow as no room does; so the best are tried beside parameters of their own, and sought again there.
 //!
 //! A state that the record does not show starts anew in every segment, and what has passed a mass of its own
 //! enters as a given flow. Drifts of weeks do not show along segments of hours.

@@ -194,13 +194,16 @@ async fn answer<T: Serialize>(
 
 /// Runs the fit behind the revision that is served, and what is wanted of it. `asked` names the question;
 /// `until` ends what is looked at.
-pub(super) async fn rendered(
+pub(super) async fn rendered<W>(
     service: &Service,
     system: &SystemId,
     asked: &str,
     until: Option<i64>,
-    wanted: impl FnOnce(InForce, &Subject, &Window, &Replay) -> Result<Vec<u8>, ServiceError> + Send + 'static,
-) -> Result<RenderedAnswer, ServiceError> {
+    wanted: W,
+) -> Result<RenderedAnswer, ServiceError>
+where
+    W: FnOnce(InForce, &Subject, &Window, &Replay) -> Result<Vec<u8>, ServiceError> + Send + 'static,
+{
     let (number, record) = subject::in_force(service, system).await?;
     let key = subject::key(service, "ahead", &[&record], &format!("{number} {asked}")).await?;
     if let Some(answer) = service.interactive.known(&key) {
