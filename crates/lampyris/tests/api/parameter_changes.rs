@@ -21,7 +21,7 @@ fn one_unknown() -> Value {
 
 #[test]
 fn a_room_that_loses_more_heat_says_since_when() {
-    let app = TestApp::at("2026-01-15T00:00:00Z", |_| {});
+    let app = TestApp::at("2026-02-12T00:00:00Z", |_| {});
     app.json("PUT", "/systems/room/1", &one_unknown()).expect(201);
     app.get(PATH).problem(404, "no-validated-parameters");
     app.csv("/systems/room/1/windows", &losing(0..14, 32, 0.2)).expect(201);

@@ -84,7 +84,7 @@ pub fn drawn(
 /// A plan that goes so far from the usual inputs to what it is.
 pub fn nearer(plan: &[Vec<f64>], usual: &[Vec<f64>], share: f64) -> Vec<Vec<f64>> {
     let between = |(plan, usual): (&Vec<f64>, &Vec<f64>)| {
-        usual.iter().zip(plan).map(|(usual, plan)| usual + share * (plan - usual)).collect()
+        usual.iter().zip(plan).map(|(usual, plan)| plan + (1.0 - share) * (usual - plan)).collect()
     };
     plan.iter().zip(usual).map(between).collect()
 }
