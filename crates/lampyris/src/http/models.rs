@@ -184,13 +184,14 @@ fn paged<T: Serialize>(
     Ok(axum::Json(Page::of(rows, size, |row| id(row).to_owned(), |row| row)))
 }
 
-/// Takes a model document. Documents never change: another one with the same id is refused.
+/// Takes a model document, in JSON, or in TOML where `Content-Type` says `application/toml`. Documents never
+/// change: another one with the same id is refused.
 #[utoipa::path(
     post,
     path = "/models",
     tag = "models",
     params(("Idempotency-Key" = Option<String>, Header)),
-    request_body(content((ModelDocument = "application/json"), (String = "application/toml"))),
+    request_body = ModelDocument,
     responses(
         (status = 200, description = "It was there already", body = ModelAnswer),
         (
@@ -312,13 +313,13 @@ async fn list_effects(
     paged(service.catalogue.current().effects().cloned().collect(), &page, |effect| &effect.id)
 }
 
-/// Takes an effect document, in JSON or in TOML.
+/// Takes an effect document, in JSON, or in TOML where `Content-Type` says `application/toml`.
 #[utoipa::path(
     post,
     path = "/effects",
     tag = "effects",
     params(("Idempotency-Key" = Option<String>, Header)),
-    request_body(content((EffectSpec = "application/json"), (String = "application/toml"))),
+    request_body = EffectSpec,
     responses(
         (status = 200, description = "It was there already", body = EffectSpec),
         (

@@ -85,7 +85,7 @@ fn a_full_database_serves_refuses_and_goes_on_when_there_is_room() {
     // A fit that ends while there is no room for its result.
     let mut long = crate::support::endless("room/1");
     // Longer than the database takes to fill, also on a machine that is busy.
-    long["budget"]["wall"] = json!("PT4S");
+    long["budget"]["wall"] = json!("PT12S");
     long["method"]["generations"] = json!(10_000);
     long["experiment"] = json!(true);
     let job = app.post_job(&long);
