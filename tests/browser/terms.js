@@ -1,14 +1,18 @@
 // Words explain themselves, by the pointer and by the keyboard, from the glossary of the book.
 import { ask, holds, test } from './harness.js';
 
+// Waits for the line about a system, which comes above the rest and would move it away from under the pointer.
+async function systemLine(page, base, system) {
+  const [{ why }] = (await ask(base, `/systems?systems=${system}`)).items;
+  await page.locator('main p', { hasText: why.slice(0, 20) }).first().waitFor();
+}
+
 export async function terms(chrome, { base }) {
   await test(chrome, 'a_word_says_what_it_means_where_it_stands', {}, async page => {
     await page.goto(`${base}/ui/systems/room/5/fails`);
     const word = page.getByRole('button', { name: 'holding the last value' });
     const tip = page.getByRole('tooltip');
-    // The line about the system comes above it, and would move it away from under the pointer.
-    const [{ why }] = (await ask(base, '/systems?systems=room/5')).items;
-    await page.locator('main p', { hasText: why.slice(0, 20) }).first().waitFor();
+    await systemLine(page, base, 'room/5');
     await word.hover();
     await tip.filter({ hasText: 'holds the last measured value' }).waitFor();
     await page.keyboard.press('Escape');
@@ -35,6 +39,7 @@ export async function terms(chrome, { base }) {
     const text = await page.locator('main').innerText();
     const codes = text.match(/\b(PT\d+H|G\d+ [a-z]+|at_bound|non_identifiable|free_run)\b/g);
     holds(codes === null, `codes are shown raw: ${codes}`);
+    await systemLine(page, base, 'room/5');
     await check.hover();
     await page.getByRole('tooltip').filter({ hasText: 'G4 beats persistence' }).waitFor();
   });

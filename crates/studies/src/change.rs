@@ -3,14 +3,14 @@
 
 use super::options::Worlds;
 use super::row::Row;
+use super::twin_room::{TwinRoom, measured, twin_room};
 use super::verdicts::judge_all;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, DAY, Duration, SplitRequest, Window, read_time};
+use lampyris_core::data::{DAY, Duration, SplitRequest, read_time};
 use lampyris_core::diagnose::change::{ChangeRecord, THRESHOLD, WINDOW_DAYS, settled};
 use lampyris_core::estimate::fit::parameter_change::ParameterChange;
-use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
-use lampyris_core::model::Catalogue;
-use lampyris_core::twin::{ChangedParameter, Level, World, WorldRequest, world};
+use lampyris_core::estimate::{Control, estimate};
+use lampyris_core::twin::{ChangedParameter, Level, WorldRequest, world};
 use std::ops::Range;
 
 /// What changes, in turns.
@@ -91,19 +91,18 @@ fn watch((seed, kind, level): (u64, &'static str, Level)) -> Result<Watched, Fai
     });
     let made = world(&WorldRequest { days, change, ..WorldRequest::new(seed, &[], level) })
         .map_err(|fault| Failure::Error(fault.to_string()))?;
-    let (window, _) =
-        Window::parse_csv(&made.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
+    let window = measured(&made)?;
     let fitted = window.slice(window.from(), window.from() + FITTED * DAY).map_err(|found| faults(&found))?;
-    let (problem, asked) = problem(&made, &fitted, SplitRequest::ESTIMATE)?;
+    let TwinRoom { problem, asked, .. } = twin_room(&made, &fitted, "room3", SplitRequest::ESTIMATE)?;
     let fit = estimate(&problem, &asked, None, &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     // As a night settles on its own weeks before it looks for changes, on those before the first change.
     let weeks = window
         .slice(window.from(), window.from() + WINDOW_DAYS as i64 * DAY)
         .map_err(|found| faults(&found))?;
-    let (weeks, _) = self::problem(&made, &weeks, whole(WINDOW_DAYS))?;
+    let weeks = twin_room(&made, &weeks, "room3", whole(WINDOW_DAYS))?.problem;
     let theta = settled(&weeks, &fit.theta()).map_err(|fault| Failure::Error(fault.to_string()))?;
-    let (problem, _) = self::problem(&made, &window, whole(days))?;
+    let problem = twin_room(&made, &window, "room3", whole(days))?.problem;
     let record = ChangeRecord::new(&problem, &theta, WINDOW_DAYS)
         .map_err(|fault| Failure::Error(fault.to_string()))?;
     let mut seen = Watched { kind, level, nights: 0, false_alarms: 0, largest: 0.0, told: None };
@@ -138,19 +137,6 @@ fn whole(days: usize) -> SplitRequest {
 /// The days that a night looks at.
 fn window_of(night: usize) -> Range<usize> {
     night.saturating_sub(WINDOW_DAYS)..night
-}
-
-fn problem(
-    made: &World,
-    window: &Window,
-    split: SplitRequest,
-) -> Result<(Problem, EstimateRequest), Failure> {
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
-    let asked = EstimateRequest { split, ..EstimateRequest::default() };
-    let model = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    let problem = prepare(&catalogue, &model, &asked, window, &site).map_err(|found| faults(&found))?;
-    Ok((problem, asked))
 }
 
 fn told(change: &ParameterChange, kind: &str, truth: i64) -> Result<Told, Failure> {

@@ -3,17 +3,17 @@
 
 use super::options::Worlds;
 use super::row::Row;
+use super::twin_room::{measured, twin_room};
 use super::verdicts::{judge_all, share};
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, DAY, Duration, SplitRequest, Window};
+use lampyris_core::data::{DAY, Duration, SplitRequest};
 use lampyris_core::diagnose::experiment::information::Knowledge;
 use lampyris_core::diagnose::experiment::{
     ComfortBounds, DrivenInput, Experiment, ExperimentAsked, ExperimentPlan, ExperimentPurpose, experiment,
 };
 use lampyris_core::estimate::assess::metrics::{filter, measurement_variance};
 use lampyris_core::estimate::forecast::InputsToCome;
-use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
-use lampyris_core::model::Catalogue;
+use lampyris_core::estimate::{Control, EstimateRequest, Problem, estimate};
 use lampyris_core::simulate::kalman::Noise;
 use lampyris_core::twin::{DrivenForward, Level, World, WorldRequest, world};
 
@@ -157,17 +157,12 @@ fn driven(found: &Experiment, plan: &ExperimentPlan) -> Result<Vec<f64>, Failure
 
 /// The first days of a world under a model.
 fn problem(made: &World, model: &str, days: usize) -> Result<Problem, Failure> {
-    let (window, _) =
-        Window::parse_csv(&made.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
+    let window = measured(made)?;
     let window =
         window.slice(window.from(), window.from() + days as i64 * DAY).map_err(|found| faults(&found))?;
-    let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
     let nothing = Duration::from_seconds(0);
     let split = SplitRequest { train: Duration::from_days(days as i64), validation: nothing, test: None };
-    let asked = EstimateRequest { split, ..EstimateRequest::default() };
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    prepare(&catalogue, &model.parse().map_err(failed)?, &asked, &window, &site)
-        .map_err(|found| faults(&found))
+    Ok(twin_room(made, &window, model, split)?.problem)
 }
 
 /// What whoever lives there would ask for: the middle of the last week, and some kelvins around it.

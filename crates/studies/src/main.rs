@@ -31,6 +31,7 @@ mod room;
 mod row;
 mod samples;
 mod search;
+mod twin_room;
 mod verdicts;
 
 use clap::{Parser, Subcommand};

@@ -3,12 +3,12 @@
 
 use super::options::Worlds;
 use super::row::Row;
+use super::twin_room::{TwinRoom, measured, twin_room};
 use super::verdicts::judge_all;
-use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
+use lampyris::cli::Failure;
+use lampyris_core::data::SplitRequest;
 use lampyris_core::diagnose::missing_heat::{MissingHeat, missing_heat};
-use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
-use lampyris_core::model::Catalogue;
+use lampyris_core::estimate::{Control, Problem, estimate};
 use lampyris_core::twin::{Level, World, WorldRequest, world};
 use std::ops::Range;
 
@@ -59,13 +59,8 @@ fn judge(seed: u64, hidden: &'static str) -> Result<(Seen, Seen), Failure> {
     let effects: &[&str] = if hidden == "none" { &[] } else { &[hidden] };
     let made = world(&WorldRequest { days: DAYS, ..WorldRequest::new(seed, effects, Level::Matched) })
         .map_err(|fault| Failure::Error(fault.to_string()))?;
-    let (window, _) =
-        Window::parse_csv(&made.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
-    let asked = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
-    let model = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    let problem = prepare(&catalogue, &model, &asked, &window, &site).map_err(|found| faults(&found))?;
+    let room = twin_room(&made, &measured(&made)?, "room3", SplitRequest::DIAGNOSE)?;
+    let TwinRoom { asked, problem, .. } = room;
     let mut known = problem.nominal().to_vec();
     for (value, parameter) in known.iter_mut().zip(problem.model().parameters()) {
         if let Some((_, made)) = made.parameters.iter().find(|(name, _)| *name == parameter.name) {

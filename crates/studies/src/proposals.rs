@@ -4,12 +4,12 @@
 
 use super::options::Worlds;
 use super::row::Row;
+use super::twin_room::{TwinRoom, measured, twin_room};
 use super::verdicts::judge_all;
-use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
+use lampyris::cli::Failure;
+use lampyris_core::data::SplitRequest;
 use lampyris_core::diagnose::proposals::{ProposalsAsked, propose_knowing};
-use lampyris_core::estimate::{Control, EstimateRequest, Site, estimate, prepare};
-use lampyris_core::model::Catalogue;
+use lampyris_core::estimate::{Control, estimate};
 use lampyris_core::twin::{Level, MEASURED, STRANGE, WorldRequest, world};
 
 /// What is hidden in a world in which nothing is.
@@ -46,13 +46,9 @@ fn judge(seed: u64, hidden: &'static str, level: Level) -> Result<Seen, Failure>
     let effects: &[&str] = if hidden == NOTHING { &[] } else { &[hidden] };
     let made = world(&WorldRequest { more: true, ..WorldRequest::new(seed, effects, level) })
         .map_err(|fault| Failure::Error(fault.to_string()))?;
-    let (window, _) =
-        Window::parse_csv(&made.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
-    let asked = EstimateRequest { split: SplitRequest::DIAGNOSE, ..EstimateRequest::default() };
-    let model = "room3".parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    let problem = prepare(&catalogue, &model, &asked, &window, &site).map_err(|found| faults(&found))?;
+    let window = measured(&made)?;
+    let TwinRoom { catalogue, site, asked, problem } =
+        twin_room(&made, &window, "room3", SplitRequest::DIAGNOSE)?;
     let fit = estimate(&problem, &asked, None, &Control::NONE)
         .map_err(|error| Failure::Error(error.to_string()))?;
     let problem = problem.with_substeps(fit.substeps);

@@ -17,7 +17,7 @@ use super::screen::difference;
 use crate::data::{hour_of_day, is_computed};
 use crate::estimate::Problem;
 use crate::estimate::segments::shooting::settle;
-use crate::estimate::segments::{Linear, REACH, Segments, dot};
+use crate::estimate::segments::{Explained, Linear, REACH, Segments, dot};
 use crate::simulate::Simulator;
 use crate::simulate::trajectory::Halt;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -258,6 +258,11 @@ impl Look<'_> {
     /// The states at the segments' starts.
     pub(super) fn starts(&self) -> &[Vec<f64>] {
         &self.linear.starts
+    }
+
+    /// What a direction explains of that.
+    pub(super) fn explained(&self, direction: &[f64]) -> Option<Explained> {
+        self.segments.explained(&self.model.residual, direction)
     }
 
     /// What they leave of a series.

@@ -9,7 +9,7 @@ use super::report::SegmentEvidence;
 use super::score_test::{LENGTHS, Look, RANKING_HOURS, SegmentScore, logged};
 use crate::data::DAY;
 use crate::estimate::Problem;
-use crate::estimate::segments::dot;
+use crate::estimate::segments::likeness;
 use crate::model::spec::Sign;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
@@ -41,8 +41,7 @@ pub struct Shown {
 impl Shown {
     /// How much two candidates are the same thing: the correlation of what they add.
     pub fn likeness(&self, other: &Self) -> f64 {
-        let norm = |direction: &[f64]| dot(direction, direction).sqrt().max(f64::MIN_POSITIVE);
-        dot(&self.direction, &other.direction) / norm(&self.direction) / norm(&other.direction)
+        likeness(&self.direction, &other.direction)
     }
 }
 
@@ -358,6 +357,7 @@ mod tests {
     use super::*;
     use crate::data::Window;
     use crate::estimate::segments::Segments;
+    use crate::estimate::segments::dot;
     use crate::estimate::{EstimateRequest, prepare};
     use crate::model::Catalogue;
 

@@ -244,7 +244,7 @@ impl Strategy for Lshade {
 }
 
 /// A standard normal number (Box and Muller).
-fn normal<R: Rng>(stream: &mut R) -> f64 {
+pub(crate) fn normal<R: Rng>(stream: &mut R) -> f64 {
     let radius = (-2.0 * (1.0 - stream.random::<f64>()).ln()).sqrt();
     radius * (std::f64::consts::TAU * stream.random::<f64>()).cos()
 }

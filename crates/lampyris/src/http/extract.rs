@@ -45,14 +45,9 @@ pub struct Json {
     pub key: Option<RequestKey>,
 }
 
-/// A document of a model or an effect, in JSON or TOML, and the key of the request if it has one.
+/// A document that may be sent in TOML as well.
 #[derive(Debug)]
-pub struct Document {
-    /// The document.
-    pub value: Value,
-    /// The client's `Idempotency-Key`.
-    pub key: Option<RequestKey>,
-}
+pub struct JsonOrToml(pub Json);
 
 /// A body of any type, and the key of the request if it has one.
 #[derive(Debug)]
@@ -103,20 +98,18 @@ impl FromRequest<Shared> for Json {
     }
 }
 
-impl FromRequest<Shared> for Document {
+impl FromRequest<Shared> for JsonOrToml {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, service: &Shared) -> Result<Self, ApiError> {
         match media_type(request.headers()).as_str() {
-            "application/json" => {
-                let Json { value, key } = Json::from_request(request, service).await?;
-                Ok(Self { value, key })
-            }
+            "application/json" => Json::from_request(request, service).await.map(Self),
             "application/toml" => {
                 let (parts, body) = request.into_parts();
                 let body = read(&parts, body, MAX_DOCUMENT, service).await?;
                 let key = key(&parts, &body)?;
-                Ok(Self { value: decode::parse_toml(&body).map_err(ApiError::Malformed)?, key })
+                let value = decode::parse_toml(&body).map_err(ApiError::Malformed)?;
+                Ok(Self(Json { value, key }))
             }
             _ => Err(ApiError::MediaType("application/json or application/toml")),
         }

@@ -1,7 +1,7 @@
 //! Models and effects: documents that say what physics is thought to be at work.
 
 use super::access::Caller;
-use super::extract::{Asked, Document, Json};
+use super::extract::{Asked, Json, JsonOrToml};
 use super::language;
 use super::negotiate::rendered;
 use super::page::{Page, PageQuery};
@@ -212,7 +212,7 @@ fn paged<T: Serialize>(
 async fn post_model(
     State(service): State<Shared>,
     caller: Caller,
-    body: Document,
+    JsonOrToml(body): JsonOrToml,
 ) -> Result<Response, ApiError> {
     let taken = models::create(&service, body.value, caller.name(), body.key.as_ref())
         .await
@@ -340,7 +340,7 @@ async fn list_effects(
 async fn post_effect(
     State(service): State<Shared>,
     caller: Caller,
-    body: Document,
+    JsonOrToml(body): JsonOrToml,
 ) -> Result<Response, ApiError> {
     let taken = models::create_effect(&service, body.value, caller.name(), body.key.as_ref())
         .await

@@ -4,7 +4,8 @@
 //! throughout is no change. The sums that this takes are kept by days, so that any stretch of a record, such
 //! as the window of a night, costs no more than adding them up.
 
-use super::whitened::{Whitened, dot};
+use super::whitened::Whitened;
+use crate::estimate::segments::dot;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use std::ops::Range;

@@ -1,10 +1,11 @@
 //! Changes in rooms that were made with one, and the sums by days beside plain regression.
 
 use super::scan::Scan;
-use super::whitened::{Whitened, dot};
+use super::whitened::Whitened;
 use super::{ChangeRecord, changes};
 use crate::data::{ColumnBindings, DAY, Duration, SplitRequest, Window};
 use crate::diagnose::tests::site;
+use crate::estimate::segments::dot;
 use crate::estimate::{EstimateRequest, Problem, prepare};
 use crate::model::Catalogue;
 use crate::twin::{ChangedParameter, Level, World, WorldRequest, world};

@@ -11,7 +11,8 @@ use crate::diagnose::missing_heat::record::{LinearRecord, MissingHeatAsked};
 use crate::diagnose::missing_heat::smoother::{self, likeliest, passed};
 use crate::estimate::Problem;
 use crate::estimate::assess::metrics::filter;
-use crate::model::{Initial, Model, Scale};
+use crate::estimate::segments::{dot, is_start};
+use crate::model::{Model, Scale};
 use std::ops::Range;
 
 /// The length of a difference: a share of a parameter that is searched by its logarithm, and else of its
@@ -65,14 +66,6 @@ pub(super) struct Whitened {
     pub likelihood: f64,
 }
 
-/// The free parameters that are no starts of states.
-fn changeable(problem: &Problem) -> Vec<usize> {
-    let is_start = |index: usize| {
-        problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index))
-    };
-    problem.free().iter().copied().filter(|index| !is_start(*index)).collect()
-}
-
 /// What the change of a parameter is counted in, in its own unit: by its logarithm, one is a factor of e.
 fn unit(model: &Model, parameter: usize, value: f64) -> f64 {
     match model.parameters()[parameter].scale {
@@ -116,7 +109,8 @@ impl Whitened {
         if innovations.iter().any(|value| !value.is_finite()) {
             return None;
         }
-        let parameters = changeable(problem);
+        let parameters: Vec<usize> =
+            problem.free().iter().copied().filter(|index| !is_start(problem, *index)).collect();
         let length = |index: usize| {
             let [lower, upper] = problem.bounds()[index];
             match model.parameters()[index].scale {
@@ -214,8 +208,4 @@ impl Whitened {
         }
         series
     }
-}
-
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -1,7 +1,8 @@
 //! The days to come: the weather of the last such days, the inputs of a plan, and where the model goes.
 
-use super::information::{Knowledge, WholeDays};
+use super::information::Knowledge;
 use super::plans::DrivenInput;
+use super::whole_days::WholeDays;
 use crate::data::{Column, Grid};
 use crate::estimate::Problem;
 use crate::estimate::forecast::InputsToCome;

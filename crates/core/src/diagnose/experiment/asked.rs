@@ -70,10 +70,10 @@ pub(super) fn checked(problem: &Problem, asked: &ExperimentAsked) -> Result<Vec<
             faults.push(Fault::new(&pointer, "unknown-input", detail));
         }
         if !(input.range.iter().all(|value| value.is_finite()) && input.range[0] < input.range[1]) {
-            faults.push(Fault::new(&pointer, "out-of-range", "a range is a lower and a higher value"));
+            faults.push(Fault::new(&pointer, "empty-range", "a range is a lower and a higher value"));
         }
         if !(input.slew.is_finite() && input.slew > 0.0) {
-            faults.push(Fault::new(format!("/slew/{}", input.channel), "out-of-range", "more than nothing"));
+            faults.push(Fault::new(format!("/slew/{}", input.channel), "no-pace", "more than nothing"));
         }
     }
     for bounds in &asked.comfort {
@@ -83,7 +83,7 @@ pub(super) fn checked(problem: &Problem, asked: &ExperimentAsked) -> Result<Vec<
             faults.push(Fault::new(&pointer, "unknown-output", detail));
         }
         if bounds.range[0].partial_cmp(&bounds.range[1]) != Some(std::cmp::Ordering::Less) {
-            faults.push(Fault::new(&pointer, "out-of-range", "comfort is a lower and a higher value"));
+            faults.push(Fault::new(&pointer, "empty-range", "comfort is a lower and a higher value"));
         }
     }
     let mut about = Vec::new();

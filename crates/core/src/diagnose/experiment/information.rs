@@ -15,16 +15,17 @@
 //! fitted ("CR2", Bell and McCaffrey 2002, Survey Methodology 28, 169-181). Noise that lasts is taken for
 //! parameters more easily: all of it is scaled until a fit would leave of it what is left.
 
+use super::whole_days::WholeDays;
 use crate::estimate::Problem;
 use crate::estimate::decompose::symmetric;
 use crate::estimate::segments::shooting::settle;
 use crate::estimate::segments::{Linear, REACH, Segments, dot};
 use crate::estimate::uncertainty::covariance::WIDTH as HALF_WIDTH;
 use crate::fault::Fault;
+use crate::interrupt::Brake;
 use crate::model::Scale;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use std::ops::Range;
 
 /// Length of the segments in hours: a day, so that its noise meets the same starts on every day, and slow
 /// states are held together.
@@ -41,40 +42,13 @@ const MOST_FITTED: f64 = 0.99;
 /// Fewest past days whose noise says anything of the days to come.
 pub const FEWEST_DAYS: usize = 5;
 
-/// Whole days of a grid, the last one of which ends with it.
-#[derive(Debug, Clone)]
-pub(super) struct WholeDays {
-    pub samples: Range<usize>,
-    pub per_day: usize,
-}
-
-impl WholeDays {
-    /// Those of a problem from a sample on.
-    ///
-    /// # Errors
-    /// A fault where its step is no part of a day.
-    pub fn of(problem: &Problem, from: usize) -> Result<Self, Fault> {
-        let grid = problem.grid();
-        let per_day = (24.0 / grid.step_hours()).round() as usize;
-        if per_day < 2 || (per_day as f64 * grid.step_hours() - 24.0).abs() > 1e-9 {
-            let detail = "the step of the fit is no part of a day, so its days cannot be laid on each other";
-            return Err(Fault::new("/system", "step", detail));
-        }
-        let end = grid.len() - 1;
-        let start = end - (end - from.min(end)) / per_day * per_day;
-        Ok(Self { samples: start..end, per_day })
-    }
-
-    fn count(&self) -> usize {
-        self.samples.len() / self.per_day
-    }
-}
-
 /// The segments of whole days, and the output and sample of each of their rows.
 struct DailySegments {
     days: WholeDays,
     segments: Segments,
     rows: Vec<(usize, usize)>,
+    /// The days on which something was measured.
+    measured: Vec<usize>,
     outputs: usize,
 }
 
@@ -82,16 +56,20 @@ impl DailySegments {
     /// `None` of a model without a filter, and where nothing was measured.
     fn new(problem: &Problem, days: WholeDays) -> Option<Self> {
         let segments = Segments::new(problem, days.samples.clone(), SEGMENT_HOURS)?;
-        let rows = segments.rows().collect();
+        let rows: Vec<(usize, usize)> = segments.rows().collect();
+        let mut measured: Vec<usize> =
+            rows.iter().map(|(_, sample)| (sample - days.samples.start) / days.per_day).collect();
+        measured.sort_unstable();
+        measured.dedup();
         let outputs = problem.model().outputs().len();
-        (!segments.is_empty()).then_some(Self { days, segments, rows, outputs })
+        (!segments.is_empty()).then_some(Self { days, segments, rows, measured, outputs })
     }
 
     fn linear(&self, problem: &Problem, theta: &[f64], starts: &[Vec<f64>]) -> Option<Linear> {
         self.segments.linearise(problem, problem.simulator(), theta, starts)
     }
 
-    /// The Jacobian of each day: a row for every output and sample, and a column per parameter.
+    /// The Jacobian of each measured day: a row for every output and sample, and a column per parameter.
     fn jacobian(&self, linear: &Linear, spans: &[Option<f64>]) -> Vec<DMatrix<f64>> {
         let by_parameter: Vec<DMatrix<f64>> = linear
             .columns
@@ -103,17 +81,19 @@ impl DailySegments {
             let column = |parameter: &DMatrix<f64>| parameter.column(day).clone_owned();
             DMatrix::from_columns(&by_parameter.iter().map(column).collect::<Vec<_>>())
         };
-        (0..self.days.count()).map(of).collect()
+        (0..self.measured.len()).map(of).collect()
     }
 
-    /// A series of rows by days: a column each, the values of every output from the day's first sample on;
-    /// zero where nothing was measured.
+    /// A series of rows by measured days: a column each, the values of every output from the day's first
+    /// sample on; zero where nothing was measured.
     fn by_day(&self, series: &[f64]) -> DMatrix<f64> {
         let per_day = self.days.per_day;
-        let mut days = DMatrix::zeros(self.outputs * per_day, self.days.count());
+        let mut days = DMatrix::zeros(self.outputs * per_day, self.measured.len());
         for ((output, sample), value) in self.rows.iter().zip(series) {
             let since = sample - self.days.samples.start;
-            days[(output * per_day + since % per_day, since / per_day)] = *value;
+            if let Ok(day) = self.measured.binary_search(&(since / per_day)) {
+                days[(output * per_day + since % per_day, day)] = *value;
+            }
         }
         days
     }
@@ -150,17 +130,21 @@ impl Knowledge {
     /// determines a parameter.
     pub fn of(problem: &Problem, theta: &[f64], may_be_nothing: &[usize]) -> Result<Self, Fault> {
         let cannot = |why: &str| Fault::new("/system", "no-experiment", why);
-        let days = WholeDays::of(problem, 0)?;
-        if days.count() < FEWEST_DAYS {
-            let detail = format!("{FEWEST_DAYS} whole days are needed to know the noise; there are fewer");
-            return Err(cannot(&detail));
-        }
-        let record = DailySegments::new(problem, days).ok_or_else(|| {
+        let record = DailySegments::new(problem, WholeDays::of(problem, 0)?).ok_or_else(|| {
             cannot("a model without a filter, or a record without measurements, has no segments")
         })?;
+        if record.measured.len() < FEWEST_DAYS {
+            let detail = format!("{FEWEST_DAYS} measured days are needed to know the noise; there are fewer");
+            return Err(cannot(&detail));
+        }
+        let brake = problem.brake();
+        let halt = || {
+            brake.check();
+            false
+        };
         let numbers = || cannot("the model leaves the numbers");
         let starts = record.segments.starts(problem, theta);
-        let settled = settle(problem, &record.segments, theta, &starts, &|| false).ok_or_else(numbers)?;
+        let settled = settle(problem, &record.segments, theta, &starts, &halt).ok_or_else(numbers)?;
         // Once more from the starts that belong to these parameters.
         let linear = record.linear(problem, &settled.theta, &settled.linear.starts).ok_or_else(numbers)?;
         let span = |place: &usize| {
@@ -188,7 +172,7 @@ impl Knowledge {
         found.add_normal(&jacobian);
         let shown = record.by_day(&vec![1.0; record.rows.len()]);
         found.noise = found
-            .noise_behind(record.by_day(&linear.residual), &shown, &jacobian)
+            .noise_behind(record.by_day(&linear.residual), &shown, &jacobian, brake)
             .ok_or_else(|| cannot("the data do not determine the parameters"))?;
         found.add_middle(&jacobian);
         Ok(found)
@@ -222,6 +206,7 @@ impl Knowledge {
         mut residual: DMatrix<f64>,
         shown: &DMatrix<f64>,
         jacobian: &[DMatrix<f64>],
+        brake: &Brake,
     ) -> Option<DMatrix<f64>> {
         let inverse = self.inverse().ok()?;
         let mut unfitted = self.unfitted(residual.clone(), jacobian)?;
@@ -239,14 +224,15 @@ impl Knowledge {
         let (mut expected, mut seen) = (DMatrix::<f64>::zeros(n, n), DMatrix::<f64>::zeros(n, n));
         let around = &inverse * &middle * &inverse;
         for (rows, on) in jacobian.iter().zip(&scores) {
+            brake.check();
             let here = rows.tr_mul(&residual);
             seen += &here * here.transpose();
+            expected += on * on.transpose();
             for (fitted, own) in jacobian.iter().zip(&scores) {
                 let both = rows.tr_mul(fitted);
                 let taken = &both * &inverse * own * on.transpose();
-                let left =
-                    on * on.transpose() - &taken - taken.transpose() + &both * &around * both.transpose();
-                expected += left / jacobian.len() as f64;
+                let changed = &both * &around * both.transpose() - &taken - taken.transpose();
+                expected += changed / jacobian.len() as f64;
             }
         }
         let apparent = |middle: DMatrix<f64>| (&inverse * middle * &inverse).diagonal();
@@ -397,17 +383,13 @@ impl Knowledge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{RngExt, SeedableRng};
+    use crate::optimise::lshade::normal;
+    use rand::SeedableRng;
     use rand_xoshiro::Xoshiro256PlusPlus;
 
     const DAYS: usize = 14;
     const ROWS: usize = 24;
     const PARAMETERS: usize = 4;
-
-    fn normal(dice: &mut Xoshiro256PlusPlus) -> f64 {
-        let (u, v): (f64, f64) = (dice.random(), dice.random());
-        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-    }
 
     /// Slow shapes, so that noise that lasts matters.
     fn jacobian(dice: &mut Xoshiro256PlusPlus, days: usize) -> Vec<DMatrix<f64>> {
@@ -458,7 +440,7 @@ mod tests {
             residual.column_mut(day).axpy(-1.0, &fit, 1.0);
         }
         let shown = DMatrix::from_element(ROWS, noise.ncols(), 1.0);
-        known.noise = known.noise_behind(residual, &shown, jacobian).unwrap();
+        known.noise = known.noise_behind(residual, &shown, jacobian, &Brake::NONE).unwrap();
         known.add_middle(jacobian);
         (estimate, known)
     }

@@ -21,12 +21,14 @@ mod promise;
 mod report;
 #[cfg(test)]
 mod tests;
+mod whole_days;
 
 use crate::data::rfc3339;
 use crate::estimate::Problem;
 use crate::estimate::forecast::InputsToCome;
 use crate::estimate::uncertainty::covariance::WIDTH as HALF_WIDTH;
 use crate::fault::Fault;
+use crate::optimise::lshade::normal;
 use crate::simulate::kalman::Noise;
 use crate::simulate::predict::Belief;
 use crate::units::error_unit;
@@ -34,7 +36,7 @@ use ahead::{DaysToCome, DrivenCourse};
 use asked::checked;
 use information::Knowledge;
 use nalgebra::{DMatrix, DVector};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use report::{sentence, sentences};
@@ -118,6 +120,7 @@ pub fn experiment(
         PlanFamily::ALL.into_iter().flat_map(|family| (0..plans::DRAWN).map(move |n| (family, n)));
     let candidates: Vec<(PlanFamily, u64)> = of_families.collect();
     let judge = |(family, number): &(PlanFamily, u64)| {
+        problem.brake().check();
         let seed = asked.seed.wrapping_mul(1_000_003).wrapping_add(100 * *family as u64 + number);
         let plan = plans::drawn(*family, seed, &asked.inputs, &usual, &last.grid, last.past);
         SHARES.iter().find_map(|share| judges.judge(*family, plans::nearer(&plan, &usual, *share)))
@@ -371,12 +374,6 @@ fn root(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let rounding = 1e-12 * covariance.trace();
     let covariance = 0.5 * (covariance + covariance.transpose()) + DMatrix::identity(n, n) * rounding;
     Some(covariance.cholesky()?.l())
-}
-
-/// Normally distributed, by Box and Muller.
-fn normal(dice: &mut Xoshiro256PlusPlus) -> f64 {
-    let (u, v): (f64, f64) = (dice.random(), dice.random());
-    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 /// The size of an effect of which nothing is known but its parameter: the nominal one, or where that is

@@ -1,5 +1,6 @@
 //! Plans of experiments on a small world, end to end.
 
+use super::information::Knowledge;
 use super::plans::{self, DRAWN};
 use super::{
     ComfortBounds, DrivenInput, Experiment, ExperimentAsked, ExperimentPurpose, ExperimentSubject,
@@ -12,6 +13,7 @@ use crate::estimate::{EstimateRequest, Problem, Site, prepare};
 use crate::model::Catalogue;
 use crate::simulate::kalman::Noise;
 use crate::twin::{DrivenForward, Level, World, WorldRequest, world};
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 const DAYS: usize = 10;
 const PER_DAY: usize = 48;
@@ -21,10 +23,13 @@ fn request() -> WorldRequest {
 }
 
 fn small_room() -> (Problem, Vec<f64>, Window, World) {
-    let made = world(&request()).unwrap();
+    room(world(&request()).unwrap(), DAYS)
+}
+
+fn room(made: World, days: usize) -> (Problem, Vec<f64>, Window, World) {
     let (window, _) = Window::parse_csv(&made.csv, &ColumnBindings::none()).unwrap();
-    let split =
-        SplitRequest { train: "P10D".parse().unwrap(), validation: "P0D".parse().unwrap(), test: None };
+    let train = format!("P{days}D").parse().unwrap();
+    let split = SplitRequest { train, validation: "P0D".parse().unwrap(), test: None };
     let asked = EstimateRequest { split, ..EstimateRequest::default() };
     let problem =
         prepare(&Catalogue::builtin().unwrap(), &"room3".parse().unwrap(), &asked, &window, &site(&made))
@@ -92,6 +97,26 @@ fn the_best_of_each_family_narrows_what_it_is_about_and_is_the_same_on_two_threa
         learnt(&problem, &theta, &[promise(lesson.width_after), promise(lesson.width_before)]).unwrap();
     assert!((told[0].found / lesson.width_before - 1.0).abs() < 1e-9, "{told:?} {lesson:?}");
     assert!(told[1].kept && told[1].sentence.contains("as promised"), "{told:?}");
+}
+
+#[test]
+fn only_the_newest_days_count_and_of_these_only_what_was_measured() {
+    const ALL: usize = 90;
+    let mut made = world(&WorldRequest { days: ALL, step_minutes: 60, ..request() }).unwrap();
+    let place = made.csv.lines().next().unwrap().split(',').position(|name| name == "T_room").unwrap();
+    let unmeasured = 20 * 24..80 * 24;
+    let line = |(row, line): (usize, &str)| {
+        let mut cells: Vec<&str> = line.split(',').collect();
+        if unmeasured.contains(&row) {
+            cells[place] = "";
+        }
+        cells.join(",") + "\n"
+    };
+    made.csv = made.csv.lines().enumerate().map(line).collect();
+    let (problem, theta, ..) = room(made, ALL);
+    let known = Knowledge::of(&problem, &theta, &[]).unwrap();
+    let freedom = StudentsT::new(0.0, 1.0, 9.0).unwrap();
+    assert!((known.half_width() - freedom.inverse_cdf(0.975)).abs() < 1e-9, "{}", known.half_width());
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! Which terms are proposed: those that do better than the best of the same search on errors that no channel
 //! has to do with, tried beside parameters of their own, with what cannot be told from them.
 
-use super::search::{TermScore, TermSearch, range};
+use super::search::{SearchScores, TermScore, TermSearch, range};
 use super::settled::{SettledBeside, Trial};
 use super::term::{Memory, Schedule, Term, TermSubject};
 use crate::diagnose::score_test::{Look, SegmentScore};
-use crate::estimate::segments::dot;
+use crate::estimate::segments::{dot, likeness};
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -45,6 +45,8 @@ pub(super) struct FoundTerms {
     pub best: Vec<TriedTerm>,
     /// How many terms were scored.
     pub tried: usize,
+    /// With how many shifts each was compared.
+    pub shifts: usize,
     /// The share that the best of so many explains by chance.
     pub by_chance: Option<f64>,
     /// The squares that the model leaves without any.
@@ -68,8 +70,13 @@ pub(super) fn choose(trial: &Trial<'_>, search: &TermSearch<'_>, null: &Look<'_>
     let scores = search.scores();
     let bar = Bar::new(search, null, &scores, rate);
     let left = null.left();
-    let mut found =
-        FoundTerms { best: Vec::new(), tried: scores.len(), by_chance: bar.by_chance, left: dot(left, left) };
+    let mut found = FoundTerms {
+        best: Vec::new(),
+        tried: scores.terms.len(),
+        shifts: scores.shifts,
+        by_chance: bar.by_chance,
+        left: dot(left, left),
+    };
     let mut leaders = leaders(search, &bar, &scores, KINDS);
     if let Some(late) = leaders.iter().find(|term| matches!(term.memory, Memory::Lag(_))).copied() {
         leaders.extend(OTHER_LAGS.map(|hours| Term { memory: Memory::Lag(hours), ..late }));
@@ -181,12 +188,6 @@ fn grouped(
     groups.into_iter().map(|(one, _)| one).collect()
 }
 
-/// How much two directions are the same thing: their correlation.
-pub(super) fn likeness(a: &[f64], b: &[f64]) -> f64 {
-    let norm = |direction: &[f64]| dot(direction, direction).sqrt().max(f64::MIN_POSITIVE);
-    dot(a, b) / norm(a) / norm(b)
-}
-
 /// What the terms of a search are judged by.
 struct Bar<'a> {
     search: &'a TermSearch<'a>,
@@ -199,9 +200,9 @@ struct Bar<'a> {
 }
 
 impl<'a> Bar<'a> {
-    fn new(search: &'a TermSearch<'a>, look: &Look<'_>, scores: &[TermScore], rate: f64) -> Self {
-        let by_chance = by_chance(scores, search.shifts(), rate);
-        Self { search, rate, by_chance, terms: scores.len() as f64, of_clock: look.share_of_clock() }
+    fn new(search: &'a TermSearch<'a>, look: &Look<'_>, scores: &SearchScores, rate: f64) -> Self {
+        let by_chance = by_chance(scores, rate);
+        Self { search, rate, by_chance, terms: scores.terms.len() as f64, of_clock: look.share_of_clock() }
     }
 
     fn passes(&self, score: &TermScore) -> bool {
@@ -225,7 +226,8 @@ impl<'a> Bar<'a> {
 
 /// The best term of each kind of whatever has passed, with its numbers refined, best first: once a channel
 /// has passed, each of its kinds is worth a try.
-fn leaders(search: &TermSearch<'_>, bar: &Bar<'_>, scores: &[TermScore], most: usize) -> Vec<Term> {
+fn leaders(search: &TermSearch<'_>, bar: &Bar<'_>, scores: &SearchScores, most: usize) -> Vec<Term> {
+    let scores = &scores.terms;
     let passing: Vec<&TermScore> = scores.iter().filter(|score| bar.passes(score)).collect();
     let has_passed = |score: &TermScore| passing.iter().any(|one| one.term.reads() == score.term.reads());
     let worth = |score: &TermScore| score.share * (1.0 - SIMPLER * score.term.choices() as f64);
@@ -245,12 +247,13 @@ fn leaders(search: &TermSearch<'_>, bar: &Bar<'_>, scores: &[TermScore], most: u
 /// The share that the best of a search explains by chance in a room in which nothing measured has to do with
 /// the error, exceeded with this probability: Gumbel's distribution through the best of every shift, by
 /// moments (Gumbel 1958). `None` without enough shifts.
-fn by_chance(scores: &[TermScore], shifts: usize, rate: f64) -> Option<f64> {
+fn by_chance(scores: &SearchScores, rate: f64) -> Option<f64> {
+    let shifts = scores.shifts;
     if shifts < LEAST_SHIFTS {
         return None;
     }
     let best = |shift: usize| {
-        let reached = scores.iter().filter_map(|score| score.shifted.get(shift));
+        let reached = scores.terms.iter().filter_map(|score| score.shifted.get(shift));
         reached.copied().fold(0.0, f64::max)
     };
     let best: Vec<f64> = (0..shifts).map(best).collect();

@@ -29,6 +29,7 @@ use super::score_test::RANKING_HOURS;
 use crate::data::Window;
 use crate::estimate::problem::request::AccusationRate;
 use crate::estimate::problem::widen::widen;
+use crate::estimate::segments::likeness;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
 use crate::model::spec::EffectSpec;
@@ -146,11 +147,12 @@ pub fn propose_knowing(
     let found = choose::choose(&trial, &search, &null, rate.into());
 
     let common = |tried: &TriedTerm| {
+        let flow = flow?.to_vec();
         let look = trial.at(&tried.settled)?;
         let search = TermSearch::new(problem, &stock, &look, into, &halt)?;
-        let direction = look.rest(search.raw_of(flow?.to_vec()));
+        let direction = look.rest(search.raw_of(flow));
         let own = look.rest(search.raw(&tried.term)?);
-        Some(choose::likeness(&direction, &own).abs())
+        Some(likeness(&direction, &own).abs())
     };
     let common = found.best.iter().map(|tried| common(tried).unwrap_or_default()).collect();
     let composition = catalogue.compose(problem.model().id()).ok();
@@ -179,8 +181,8 @@ pub fn propose_knowing(
         }
     };
     let proposals: Vec<ProposedTerm> = found.best.iter().map(proposal).collect();
-    let sentences = sentences(&proposals, found.tried, search.shifts());
-    let (tried, shifts) = (found.tried, search.shifts());
+    let (tried, shifts) = (found.tried, found.shifts);
+    let sentences = sentences(&proposals, tried, shifts);
     Ok((Proposals { sentences, tried, shifts, by_chance: found.by_chance, proposals }, common))
 }
 

@@ -6,7 +6,7 @@ use super::stock::{Stock, StockChannel};
 use super::term::{Factor, Form, Memory, Schedule, ScheduleDays, Term, TermSeries, TermSubject};
 use crate::diagnose::score_test::Look;
 use crate::estimate::Problem;
-use crate::estimate::segments::dot;
+use crate::estimate::segments::{Explained, dot};
 use crate::simulate::trajectory::Halt;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -36,11 +36,20 @@ pub(super) struct TermSearch<'a> {
     /// The measured state along the segments, and its place in the model.
     warm: Vec<f64>,
     into: usize,
-    /// The errors, shifted by whole days; none where a day is no whole number of samples.
-    shifted: DMatrix<f64>,
-    /// The squares of each.
-    squares: Vec<f64>,
     halt: Halt<'a>,
+}
+
+/// How every term of a search does.
+pub(super) struct SearchScores {
+    pub terms: Vec<TermScore>,
+    /// With how many shifts each was compared.
+    pub shifts: usize,
+}
+
+/// The errors, each shifted by so many whole days, and the squares of each.
+struct ShiftedErrors {
+    errors: DMatrix<f64>,
+    squares: Vec<f64>,
 }
 
 /// How a term does.
@@ -69,16 +78,7 @@ impl<'a> TermSearch<'a> {
     ) -> Option<Self> {
         let responses = Responses::new(problem, look)?;
         let warm = responses.state(into, problem.grid().len());
-        let shifted = stock.per_day.map_or_else(Vec::new, |per_day| shifted(look, per_day));
-        let rows = look.residual().len();
-        let shifted = DMatrix::from_iterator(rows, shifted.len(), shifted.into_iter().flatten());
-        let squares = shifted.column_iter().map(|column| column.norm_squared()).collect();
-        Some(Self { stock, look, responses, warm, into, shifted, squares, halt })
-    }
-
-    /// How many shifts a term is compared with.
-    pub fn shifts(&self) -> usize {
-        self.shifted.ncols()
+        Some(Self { stock, look, responses, warm, into, halt })
     }
 
     /// What a term does to the outputs, row by row.
@@ -101,51 +101,45 @@ impl<'a> TermSearch<'a> {
         (own > IMITATED * before && own > 0.0).then_some((direction, own))
     }
 
-    /// The share of the squared error that a term explains; `None` as [`TermSearch::score`].
+    /// The share of the squared error that a term explains. `None` where it does nothing that the model
+    /// cannot do itself.
     pub fn share(&self, term: &Term) -> Option<f64> {
-        let (direction, own) = self.direction(term)?;
-        let residual = self.look.residual();
-        let squares = dot(residual, residual).max(f64::MIN_POSITIVE);
-        Some(dot(&direction, residual).powi(2) / own / squares)
+        let (direction, _) = self.direction(term)?;
+        Some(self.look.explained(&direction)?.share)
     }
 
-    /// Scores a term. `None` where it does nothing that the model cannot do itself, or on too few days.
-    pub fn score(&self, term: &Term) -> Option<TermScore> {
+    /// Scores a term. `None` as [`TermSearch::share`], and where it acts on too few days.
+    fn score(&self, term: &Term, shifted: &ShiftedErrors) -> Option<TermScore> {
         if (self.halt)() {
             return None;
         }
         let (direction, own) = self.direction(term)?;
         let squares = self.look.by_day(|row| direction[row] * direction[row]);
-        let t = |residual: &[f64]| {
-            let products = self.look.by_day(|row| direction[row] * residual[row]);
-            let size = products.iter().sum::<f64>() / own;
-            let scores = products.iter().zip(&squares).map(|(gr, gg)| (gr - size * gg).powi(2));
-            let days = squares.len() as f64;
-            size * own / (days / (days - 1.0) * scores.sum::<f64>()).sqrt().max(f64::MIN_POSITIVE)
-        };
         let days = squares.iter().filter(|square| **square > ACTS * own / squares.len() as f64).count();
         if days < LEAST_DAYS {
             return None;
         }
-        let share = |residual: &[f64]| {
-            dot(&direction, residual).powi(2) / own / dot(residual, residual).max(f64::MIN_POSITIVE)
-        };
-        let residual = self.look.residual();
+        let Explained { share, t, .. } = self.look.explained(&direction)?;
         let shifted = if term.is_by_clock() {
             Vec::new()
         } else {
-            let projected = self.shifted.tr_mul(&DVector::from_column_slice(&direction));
+            let projected = shifted.errors.tr_mul(&DVector::from_column_slice(&direction));
             let share = |(projected, squares): (&f64, &f64)| {
                 projected * projected / own / squares.max(f64::MIN_POSITIVE)
             };
-            projected.iter().zip(&self.squares).map(share).collect()
+            projected.iter().zip(&shifted.squares).map(share).collect()
         };
-        Some(TermScore { term: *term, share: share(residual), t: t(residual), days, shifted })
+        Some(TermScore { term: *term, share, t, days, shifted })
     }
 
     /// Scores every term of the grammar.
-    pub fn scores(&self) -> Vec<TermScore> {
-        self.terms().par_iter().filter_map(|term| self.score(term)).collect()
+    pub fn scores(&self) -> SearchScores {
+        let shifted = ShiftedErrors::new(self.look, self.stock.per_day);
+        let score = |term: &Term| self.score(term, &shifted);
+        SearchScores {
+            terms: self.terms().par_iter().filter_map(score).collect(),
+            shifts: shifted.squares.len(),
+        }
     }
 
     /// Every term of the grammar. What is delayed, lagged or multiplied is so only where it flows into the
@@ -221,6 +215,16 @@ impl<'a> TermSearch<'a> {
 
 /// A day on which a direction has less than this share of its usual squares is one on which it does nothing.
 const ACTS: f64 = 0.05;
+
+impl ShiftedErrors {
+    /// None where a day is no whole number of samples.
+    fn new(look: &Look<'_>, per_day: Option<usize>) -> Self {
+        let shifted = per_day.map_or_else(Vec::new, |per_day| shifted(look, per_day));
+        let rows = look.residual().len();
+        let errors = DMatrix::from_iterator(rows, shifted.len(), shifted.into_iter().flatten());
+        Self { squares: errors.column_iter().map(|column| column.norm_squared()).collect(), errors }
+    }
+}
 
 /// The error with each shift by whole days, without what starts and the model's own parameters make of it.
 fn shifted(look: &Look<'_>, per_day: usize) -> Vec<Vec<f64>> {

@@ -125,8 +125,7 @@ impl Schedule {
     }
 }
 
-/// A term over time, from each sample to the next: `known + by_state * (other - state)` of the state into
-/// which it flows.
+/// A term over time: its means from each sample to the next.
 pub(super) struct TermSeries {
     /// What it is multiplied by.
     pub rate: Vec<f64>,
@@ -176,7 +175,7 @@ impl Term {
         }
     }
 
-    /// Whether it follows the clock alone, and what the model reads already.
+    /// Whether it follows the clock alone.
     pub fn is_by_clock(&self) -> bool {
         matches!(self.subject, TermSubject::Hours(_))
     }

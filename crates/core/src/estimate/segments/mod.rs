@@ -375,15 +375,17 @@ pub struct Moved {
     pub thetas: Vec<Vec<f64>>,
 }
 
+/// Whether a parameter is a start of the record and nothing else.
+pub fn is_start(problem: &Problem, index: usize) -> bool {
+    problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index))
+}
+
 /// Moves every free parameter but the starts a little.
 pub fn moved(problem: &Problem, theta: &[f64]) -> Moved {
     let centre = problem.candidate(theta);
     let difference = problem.difference();
-    let is_start = |index: usize| {
-        problem.model().states().iter().any(|state| state.initial == Initial::Parameter(index))
-    };
     let mut moved = Moved { along: Vec::new(), steps: Vec::new(), slopes: Vec::new(), thetas: Vec::new() };
-    for (i, index) in problem.free().iter().enumerate().filter(|(_, index)| !is_start(**index)) {
+    for (i, index) in problem.free().iter().enumerate().filter(|(_, index)| !is_start(problem, **index)) {
         let mut there = centre.clone();
         let step = if there.0[i] + difference > 1.0 { -difference } else { difference };
         there.0[i] += step;
@@ -418,6 +420,12 @@ fn basis(columns: DMatrix<f64>) -> Option<DMatrix<f64>> {
         }
     }
     Some(if kept.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&kept) })
+}
+
+/// How much two directions are the same thing: the cosine between them.
+pub fn likeness(a: &[f64], b: &[f64]) -> f64 {
+    let norm = |direction: &[f64]| dot(direction, direction).sqrt().max(f64::MIN_POSITIVE);
+    dot(a, b) / norm(a) / norm(b)
 }
 
 /// The inner product of two series.

@@ -34,6 +34,7 @@ const DAYS: u64 = 2;
 pub struct ExperimentRequest {
     /// How many days it takes, two by default.
     #[serde(default)]
+    #[schema(minimum = 1, maximum = 14)]
     days: Option<u64>,
     /// The inputs that may be driven, each with its lowest and highest value in the unit of its channel.
     #[schema(value_type = IndexMap<String, Interval>)]
@@ -118,7 +119,9 @@ fn found(
     let subject =
         ExperimentSubject::new(catalogue, replay.problem(), &fit.theta(), window, &site, &request.about)?;
     let slew = |channel: &String, range: &[f64; 2]| {
-        request.slew.get(channel).copied().unwrap_or((range[1] - range[0]) / WHOLE_RANGE_HOURS)
+        // A range that is none is a fault of its own.
+        let whole = ((range[1] - range[0]).abs() / WHOLE_RANGE_HOURS).max(f64::MIN_POSITIVE);
+        request.slew.get(channel).copied().unwrap_or(whole)
     };
     let driven = |(channel, range): (&String, &[f64; 2])| DrivenInput {
         channel: channel.clone(),

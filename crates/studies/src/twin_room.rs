@@ -1,0 +1,37 @@
+//! A synthetic room as whoever fits it has it: what was measured, where it stands, and its problem.
+
+use lampyris::cli::{Failure, faults};
+use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
+use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
+use lampyris_core::model::Catalogue;
+use lampyris_core::twin::World;
+
+/// A room with the problem of a model.
+pub struct TwinRoom {
+    pub catalogue: Catalogue,
+    pub site: Site,
+    pub asked: EstimateRequest,
+    pub problem: Problem,
+}
+
+/// What was measured.
+pub fn measured(made: &World) -> Result<Window, Failure> {
+    let (window, _) =
+        Window::parse_csv(&made.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
+    Ok(window)
+}
+
+/// The problem of a model on some of it.
+pub fn twin_room(
+    made: &World,
+    window: &Window,
+    model: &str,
+    split: SplitRequest,
+) -> Result<TwinRoom, Failure> {
+    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
+    let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
+    let asked = EstimateRequest { split, ..EstimateRequest::default() };
+    let model = model.parse().map_err(|error| Failure::Error(format!("{error}")))?;
+    let problem = prepare(&catalogue, &model, &asked, window, &site).map_err(|found| faults(&found))?;
+    Ok(TwinRoom { catalogue, site, asked, problem })
+}
