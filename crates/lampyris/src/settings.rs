@@ -1,8 +1,10 @@
 //! What an operator can set: a TOML file, and the environment, which wins.
 
+mod jobs;
 mod notify;
 mod tls;
 
+pub use jobs::{Diagnose, Estimates};
 pub use notify::{NoticeFormat, NoticeKind, NoticeSecret, NotifySettings};
 pub use tls::TlsFiles;
 
@@ -42,18 +44,12 @@ pub struct Settings {
     pub limits: Limits,
     /// How long what is old is kept.
     pub retention: Retention,
+    /// What estimates go by.
+    pub estimate: Estimates,
     /// What diagnoses go by that are not asked for otherwise.
     pub diagnose: Diagnose,
     /// Whom the service tells what happens.
     pub notify: Option<NotifySettings>,
-}
-
-/// What diagnoses go by that are not asked for otherwise.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Diagnose {
-    /// The share of rooms with nothing missing that a diagnosis may accuse, above 0 and at most 0.2.
-    pub accusation_rate: f64,
 }
 
 /// How many days something is kept that nothing names any more; 0 keeps it for ever. What was ever served is
@@ -137,6 +133,7 @@ impl Default for Settings {
             tls: None,
             limits: Limits::default(),
             retention: Retention::default(),
+            estimate: Estimates::default(),
             diagnose: Diagnose::default(),
             notify: None,
         }
@@ -165,12 +162,6 @@ impl Default for Limits {
     }
 }
 
-impl Default for Diagnose {
-    fn default() -> Self {
-        Self { accusation_rate: 0.01 }
-    }
-}
-
 impl Default for Retention {
     fn default() -> Self {
         Self { jobs_days: 365, diagnoses_days: 0, windows_days: 0, samples_days: 0, traces_days: 0 }
@@ -178,7 +169,7 @@ impl Default for Retention {
 }
 
 /// The variables of the environment and the fields that they stand for.
-const VARIABLES: [(&str, &str); 36] = [
+const VARIABLES: [(&str, &str); 37] = [
     ("LAMPYRIS_BIND", "/bind"),
     ("LAMPYRIS_DATABASE", "/database"),
     ("LAMPYRIS_ROLES", "/roles"),
@@ -209,6 +200,7 @@ const VARIABLES: [(&str, &str); 36] = [
     ("LAMPYRIS_RETENTION_WINDOWS_DAYS", "/retention/windows_days"),
     ("LAMPYRIS_RETENTION_SAMPLES_DAYS", "/retention/samples_days"),
     ("LAMPYRIS_RETENTION_TRACES_DAYS", "/retention/traces_days"),
+    ("LAMPYRIS_ESTIMATE_BORROW", "/estimate/borrow"),
     ("LAMPYRIS_DIAGNOSE_ACCUSATION_RATE", "/diagnose/accusation_rate"),
     ("LAMPYRIS_NOTIFY_URL", "/notify/url"),
     ("LAMPYRIS_NOTIFY_EVENTS", "/notify/events"),
@@ -330,6 +322,7 @@ impl Settings {
             "/retention/windows_days" => read(&mut self.retention.windows_days, text),
             "/retention/samples_days" => read(&mut self.retention.samples_days, text),
             "/retention/traces_days" => read(&mut self.retention.traces_days, text),
+            "/estimate/borrow" => read(&mut self.estimate.borrow, text),
             "/diagnose/accusation_rate" => read(&mut self.diagnose.accusation_rate, text),
             _ => self.notify.get_or_insert_default().set(field, text),
         }

@@ -1,6 +1,7 @@
 //! `lampyris bench`: what this build does on this machine, every ratio within one run.
 
 mod ablation;
+mod borrowing;
 mod change;
 mod charts;
 mod complexity;
@@ -73,6 +74,9 @@ enum Study {
     /// How soon and how rightly a parameter that changes is told, night by night, and how often one is told
     /// that has not: of five synthetic rooms one is quiet for a year.
     Change(Worlds),
+    /// Whether the rooms of a house learn from each other: the week behind 5 and behind 28 days, alone and
+    /// with what the others have, in synthetic houses of eleven rooms.
+    Borrowing(Worlds),
     /// Whether planned experiments of two days teach what they promise, on synthetic rooms of four weeks.
     Experiments(Worlds),
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
@@ -117,6 +121,7 @@ impl Study {
             Self::MissingHeat(asked) => ("missing-heat", Some(asked.first.seed)),
             Self::Proposals(asked) => ("proposals", Some(asked.first.seed)),
             Self::Change(asked) => ("change", Some(asked.first.seed)),
+            Self::Borrowing(asked) => ("borrowing", Some(asked.first.seed)),
             Self::Experiments(asked) => ("experiments", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
             Self::Bands(_) => ("bands", None),
@@ -202,6 +207,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::MissingHeat(asked) => missing_heat::run(asked)?,
         Study::Proposals(asked) => proposals::run(asked)?,
         Study::Change(asked) => change::run(asked)?,
+        Study::Borrowing(asked) => borrowing::run(asked)?,
         Study::Experiments(asked) => experiments::run(asked)?,
         Study::Results(asked) => return results::run(asked).map(|()| Vec::new()),
     };

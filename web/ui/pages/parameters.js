@@ -84,17 +84,23 @@ export function Values({ fit, history, change }) {
   const before = history.find(revision => revision.fit !== fit.id)?.parameters ?? {};
   const entries = Object.entries(fit.parameters);
   const interval = ci => (ci ? `${number(ci[0])} to ${number(ci[1])}` : NONE);
+  const known = name => fit.prior?.parameters[name];
+  const knownBefore = (name, unit) => {
+    const { value, deviation } = known(name);
+    const spread = scaleOf(name) === 'log' ? html`times or by ${number(Math.exp(deviation))}` : html`± ${number(deviation)} ${unitOf(unit)}`;
+    return html`<br /><small class="quiet">${fit.prior.from?.length ? 'others in the building' : 'known before'}: ${number(value)}, ${spread}</small>`;
+  };
   return html`<${Frame} title=${`Parameters of ${fit.model}`} path=${`/fits/${fit.id}`} drawn=${false}
     summary=${`${entries.filter(([, entry]) => entry.at_bound).length} of ${entries.length} lie at a bound.`}
       table=${() => ({ columns: [['parameter'], ['what it is'], ['value', 'number'], ['low', 'number'], ['high', 'number'],
-        ['lower bound', 'number'], ['upper bound', 'number'], ['unit']], rows: entries.map(([name, entry]) => [name, titleFor(name, titles) ?? '', number(entry.value, 6), number(entry.ci95?.[0],
-          6), number(entry.ci95?.[1], 6), entry.bounds[0], entry.bounds[1], entry.unit]) })}>
+        ['lower bound', 'number'], ['upper bound', 'number'], ['unit'], ['known before', 'number'], ['its deviation', 'number']], rows: entries.map(([name, entry]) => [name, titleFor(name, titles) ?? '', number(entry.value, 6), number(entry.ci95?.[0],
+          6), number(entry.ci95?.[1], 6), entry.bounds[0], entry.bounds[1], entry.unit, known(name)?.value, known(name)?.deviation]) })}>
     <${Table} caption="Parameters" hidden
       columns=${[['parameter'], ['value', 'number'], ['95 % interval', 'number'], ['between its bounds'], ['bounds', 'number'],
         ...(history.length ? [['since before', 'number'], ['history']] : [])]}
       rows=${entries.map(([name, entry]) => [
         html`<${Parameter} symbol=${name} titles=${titles} />`,
-        html`<b title=${entry.value}>${number(entry.value)}</b> ${unitOf(entry.unit)}${entry.fixed ? ' (fixed)' : ''}`,
+        html`<b title=${entry.value}>${number(entry.value)}</b> ${unitOf(entry.unit)}${entry.fixed ? ' (fixed)' : ''}${known(name) ? knownBefore(name, entry.unit) : ''}`,
         html`<span title=${entry.ci95?.join(' to ')}>${interval(entry.ci95)}</span> ${entry.ci95 ? unitOf(entry.unit) : ''}`,
         html`<${Rail} value=${entry.value} interval=${entry.ci95} bounds=${entry.bounds} log=${scaleOf(name) === 'log'}
           atBound=${entry.at_bound} />

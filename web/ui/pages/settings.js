@@ -10,6 +10,12 @@ import { Bindings, NextDoor } from '../parts/bindings.js';
 import { Length } from '../parts/length.js';
 import { Zones } from '../parts/zones.js';
 
+const PRIORS = {
+  none: 'nothing but the bounds',
+  siblings: 'what the others in its building have',
+  log_normal: 'the nominal values, as in the thesis',
+};
+
 const MODES = {
   auto: 'publish what the gate accepts',
   suggest: 'suggest it, and wait for a person',
@@ -75,8 +81,10 @@ export function Settings({ system, document, changed }) {
         ${draft.model && html`<p><a href=${address(['models', draft.model])}>See its equations</a>, or <a
           href=${address(['edit', 'model'], { system })}>write another model for ${system}</a></p>`}
         <label>Prior on the parameters
-          <select value=${draft.prior} onChange=${event => set({ prior: event.target.value })}>
-            ${['none', 'log_normal'].map(prior => html`<option value=${prior} selected=${prior === draft.prior}>${prior}</option>`)}
+          <select value=${typeof draft.prior === 'string' ? draft.prior : 'known'} onChange=${event => set({ prior: event.target.value === 'known' ? document.prior : event.target.value })}>
+            ${Object.entries({ ...PRIORS, ...(typeof document.prior === 'string' ? {} : { known: 'what its document says' }) }).map(
+              ([prior, says]) => html`<option value=${prior} selected=${prior === (typeof draft.prior === 'string' ? draft.prior : 'known')}>${says}</option>`,
+            )}
           </select></label>
       </div>
       <div>

@@ -370,7 +370,7 @@ fn choices_of(base: &Problem, model: &Model) -> Choices {
     let mut choices = Choices {
         objective: base.objective(),
         delta: base.delta(),
-        prior: base.prior(),
+        prior: base.prior().clone(),
         ..Choices::default()
     };
     let free = base.free();

@@ -4,6 +4,8 @@ use super::effort::Effort;
 use super::residual::{Whitening, residuals};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
+use crate::estimate::problem::prior::KnownParameter;
+use crate::model::Scale;
 use crate::optimise::local::{LocalStage, LocalWay};
 use crate::optimise::local_options::LocalOptions;
 use crate::optimise::{Ask, Candidate, Cost, Evaluation};
@@ -98,7 +100,14 @@ impl Refit<'_> {
 
     /// The pulls of the prior: a deviation of the residual for every deviation of a logarithm.
     fn pulls(&self, theta: &[f64]) -> impl Iterator<Item = f64> {
-        self.problem.pulls(theta, PRIOR_DEVIATION).map(|pull| self.deviation * pull)
+        let (model, nominal) = (self.problem.model(), self.problem.nominal());
+        let pull = move |index: &usize| {
+            let known = KnownParameter { value: nominal[*index], deviation: PRIOR_DEVIATION };
+            let parameter = &model.parameters()[*index];
+            let is_drawn = parameter.scale == Scale::Log && known.value > 0.0;
+            is_drawn.then(|| known.pull(parameter, theta[*index])).flatten()
+        };
+        self.problem.free().iter().filter_map(pull).map(|pull| self.deviation * pull)
     }
 
     /// The derivatives of the filtered simulation with respect to the free coordinates of the unit cube, one

@@ -11,8 +11,9 @@
 //! determine what was found (`decompose` takes its matrices apart), `discretisation` whether its step was
 //! short enough, and `run` leads through all of it; `report` writes the document, which is a `fit`. `assess`
 //! tells in numbers and sentences how good it is. `segments` lays a model along stretches of hours, which the
-//! gate and a diagnosis ask. `gate` decides what may be served, and `tune` chooses the settings of a search.
-//! No room imports one that stands after it below.
+//! gate and a diagnosis ask, and `pooling` says what the systems of a building have in common. `gate` decides
+//! what may be served, and `tune` chooses the settings of a search. No room imports one that stands after it
+//! below.
 
 pub(crate) mod decompose;
 
@@ -37,6 +38,8 @@ pub mod likelihood;
 pub mod run;
 
 pub mod segments;
+
+pub mod pooling;
 
 pub mod gate;
 

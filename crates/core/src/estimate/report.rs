@@ -9,6 +9,7 @@ use crate::data::rfc3339;
 use crate::estimate::assess::metrics::{filter, metrics};
 use crate::estimate::fit::levels::levels;
 use crate::estimate::problem::bounds::at_bound;
+use crate::estimate::problem::prior::{KnownParameter, KnownPrior, Prior};
 use crate::estimate::problem::request::EstimateRequest;
 use crate::estimate::search::drive::SearchResult;
 use crate::estimate::uncertainty::ridge::sentence;
@@ -45,6 +46,7 @@ pub(super) fn report(
     remarks.extend(uncertainty.correlated.iter().map(|pair| sentence(pair, problem.model())));
     remarks.extend(uncertainty.covariance.as_ref().and_then(Covariance::sentence));
     remarks.extend(problem.predictor().remark());
+    remarks.extend(problem.prior().remark());
     if found.stop != Stop::Converged {
         remarks.push("the search ended before two of its restarts agreed".to_owned());
     }
@@ -74,11 +76,25 @@ pub(super) fn report(
         basis: Some(problem.basis().clone()),
         worst_regime: None,
         changed: None,
+        prior: known_of(problem),
         remarks,
         non_identifiable: Vec::new(),
         levels: levels(problem),
         likelihood: None,
     }
+}
+
+/// What the prior knows of the free parameters.
+fn known_of(problem: &Problem) -> Option<KnownPrior> {
+    let known = |index: &usize| {
+        Some((problem.model().parameters()[*index].name.clone(), problem.known_before(*index)?))
+    };
+    let parameters: IndexMap<String, KnownParameter> = problem.free().iter().filter_map(known).collect();
+    let from = match problem.prior() {
+        Prior::Known(known) => known.from.clone(),
+        _ => Vec::new(),
+    };
+    (!parameters.is_empty()).then_some(KnownPrior { from, parameters })
 }
 
 fn parts(problem: &Problem) -> Parts {

@@ -4,7 +4,7 @@ use super::fit::Fit;
 use super::likelihood;
 use super::problem::Problem;
 use super::report::report;
-use super::uncertainty::{simulations, starts, uncertainty};
+use super::uncertainty::{louder_than_white, simulations, starts, uncertainty};
 use crate::estimate::discretisation::{StepError, step_error};
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::problem::bounds::at_bound;
@@ -42,18 +42,21 @@ pub fn estimate(
     if let Method::Ctsm(options) = &request.method.method {
         return likelihood::estimate(problem, request, options, &warm, control);
     }
-    // The prior's weight is the residual variance of the fit without it.
-    let mut spent = 0;
-    let problem = match problem.prior() {
-        Prior::None => problem.clone(),
+    let (problem, found) = match problem.prior() {
+        Prior::None | Prior::Siblings => (problem.clone(), search(problem, request, &warm, control)?),
+        // The prior's weight is the residual variance of the fit without it.
         Prior::LogNormal => {
             let free = search(&problem.without_prior(), request, &warm, control)?;
-            spent = free.evaluations;
-            problem.with_prior_variance(free.cost)
+            let problem = problem.with_prior_variance(free.cost);
+            let found = search(&problem, request, &warm, control)?;
+            let evaluations = found.evaluations + free.evaluations;
+            (problem, SearchResult { evaluations, ..found })
+        }
+        Prior::Known(_) => {
+            let free = search(&problem.without_prior(), request, &warm, control)?;
+            drawn(problem, free, control)?
         }
     };
-    let mut found = search(&problem, request, &warm, control)?;
-    found.evaluations += spent;
     let watched = request.early_stopping.is_some_and(|rule| rule.validation);
     let (problem, found, discretisation_error) = refine_step(problem, found, watched, control)?;
     let (problem, mut found) = if watched { (problem, found) } else { refine_starts(problem, found) };
@@ -122,6 +125,40 @@ fn search(
         request.early_stopping,
         control,
     )
+}
+
+/// Draws what was found without a prior to what is known beforehand, from there and from the middle of what
+/// is known. The errors of a free run are alike for hours, and say less than as many that are white: the
+/// prior's weight is the variance of white ones that would leave the parameters as uncertain.
+fn drawn(
+    problem: &Problem,
+    free: SearchResult,
+    control: &Control,
+) -> Result<(Problem, SearchResult), EstimateError> {
+    let louder = louder_than_white(problem, &free.theta).unwrap_or(1.0);
+    let drawn = problem.with_prior_variance(free.cost * louder);
+    let mut known = free.theta.clone();
+    for index in problem.free() {
+        if let Some(prior) = problem.known_before(*index) {
+            let [lower, upper] = problem.bounds()[*index];
+            known[*index] = prior.value.clamp(lower, upper);
+        }
+    }
+    let there = drawn.evaluate(&[drawn.candidate(&free.theta)], false);
+    let cost = match there.first().map(|evaluation| evaluation.cost) {
+        Some(Cost::Finite(cost)) => cost,
+        _ => f64::INFINITY,
+    };
+    let mut evaluations = free.evaluations + simulations(problem) + 1;
+    let mut best = SearchResult { cost, ..free };
+    for start in [best.theta.clone(), known] {
+        let Some(found) = polish(&drawn, &start, POLISH_EVALUATIONS, control)? else { continue };
+        evaluations += found.evaluations;
+        if found.cost < best.cost {
+            best = SearchResult { theta: found.theta, place: found.place, cost: found.cost, ..best };
+        }
+    }
+    Ok((drawn, SearchResult { evaluations, ..best }))
 }
 
 /// Compares with half the step; where the difference is too large the step is halved and the fit polished,

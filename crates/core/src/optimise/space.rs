@@ -45,11 +45,19 @@ impl Dimension {
         value.clamp(self.lower, self.upper)
     }
 
+    /// The length of the interval on its scale: in the parameter's unit, or in logarithms.
+    pub fn length(&self) -> f64 {
+        match self.scale {
+            DimensionScale::Linear => self.upper - self.lower,
+            DimensionScale::Log => (self.upper / self.lower).ln(),
+        }
+    }
+
     /// By how much the physical value grows with the coordinate, where it is `value`.
     pub fn slope(&self, value: f64) -> f64 {
         match self.scale {
-            DimensionScale::Linear => self.upper - self.lower,
-            DimensionScale::Log => value * (self.upper / self.lower).ln(),
+            DimensionScale::Linear => self.length(),
+            DimensionScale::Log => value * self.length(),
         }
     }
 

@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         agreed(arguments.objective, arguments.method.clone()).map_err(|fault| faults(&[fault]))?;
     let request = EstimateRequest {
         objective,
-        prior: arguments.prior,
+        prior: arguments.prior.clone(),
         method: SeededMethod { seed: arguments.seed, method },
         budget: Budget { evaluations: arguments.evaluations, wall: None },
         bounds: arguments.bounds.iter().cloned().collect(),

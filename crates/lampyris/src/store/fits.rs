@@ -17,6 +17,7 @@ use lampyris_core::estimate::fit::covariance::Covariance;
 use lampyris_core::estimate::fit::parameter_change::ParameterChange;
 use lampyris_core::estimate::fit::{OutputMetrics, Parts, TracePoint};
 use lampyris_core::estimate::gate::check::CheckResult;
+use lampyris_core::model::ModelId;
 use serde::{Deserialize, Serialize};
 
 /// So many fits that have seen a change are looked at.
@@ -124,6 +125,33 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
     let sql = "SELECT f.* FROM fits f JOIN revisions r ON r.fit = f.id WHERE r.system = $1 AND r.current";
     let row: Option<Row> = query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
+}
+
+/// The fits that other systems of a building serve: those of the same kind, tenant and model, by name, so
+/// many at most.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn of_siblings(
+    store: &Store,
+    system: &SystemId,
+    (tenant, building): (&str, &str),
+    model: &ModelId,
+    limit: i64,
+) -> Result<Vec<FitRecord>, StoreError> {
+    let sql = "SELECT f.* FROM systems s JOIN revisions r ON r.system = s.system AND r.current \
+        JOIN fits f ON f.id = r.fit WHERE s.building = $5 AND s.building <> '' AND s.tenant = $4 \
+        AND s.system <> $1 AND glob($2, s.system) AND f.model = $3 ORDER BY s.system LIMIT $6";
+    let rows: Vec<Row> = query_as(sql)
+        .bind(system.to_string())
+        .bind(format!("{}/*", system.kind()))
+        .bind(model.to_string())
+        .bind(tenant)
+        .bind(building)
+        .bind(limit)
+        .fetch_all(&store.reader)
+        .await?;
+    rows.into_iter().map(Row::record).collect()
 }
 
 /// What the same search would find again: it goes first where there is much to keep.

@@ -32,6 +32,17 @@ pub struct SystemRecord {
     pub updated_at: Timestamp,
 }
 
+/// What a document says that the database looks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SystemColumns<'a> {
+    /// The model; `None` of a site that only holds measurements.
+    pub model: Option<&'a ModelId>,
+    /// Whose it is.
+    pub tenant: &'a str,
+    /// Where it is: the first level of its group.
+    pub building: &'a str,
+}
+
 /// What became of a document of a system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SystemPut {
@@ -120,15 +131,15 @@ impl Row {
     }
 }
 
-/// Makes a system or replaces its document, with the model and the tenant that this names, where what is
-/// there (`None` without any) allows it; who does it, and why, is noted.
+/// Makes a system or replaces its document, with the columns that this names, where what is there (`None`
+/// without any) allows it; who does it, and why, is noted.
 ///
 /// # Errors
 /// Where the database fails.
 pub async fn put(
     store: &Store,
     system: &SystemId,
-    (model, tenant): (Option<&ModelId>, &str),
+    SystemColumns { model, tenant, building }: SystemColumns<'_>,
     document: &str,
     (who, reason, now): (&str, Option<&str>, Timestamp),
     allows: impl FnOnce(Option<&str>) -> bool,
@@ -141,14 +152,15 @@ pub async fn put(
     if !allows(known.as_deref()) {
         return Ok(SystemPut::Refused { is_there: known.is_some() });
     }
-    let sql = "INSERT INTO systems (system, model, tenant, document, created_at, updated_at) \
-        VALUES ($1, $2, $3, $4, $5, $5) \
+    let sql = "INSERT INTO systems (system, model, tenant, building, document, created_at, updated_at) \
+        VALUES ($1, $2, $3, $4, $5, $6, $6) \
         ON CONFLICT (system) DO UPDATE SET model = excluded.model, tenant = excluded.tenant, \
-        document = excluded.document, updated_at = excluded.updated_at";
+        building = excluded.building, document = excluded.document, updated_at = excluded.updated_at";
     query(sql)
         .bind(system.to_string())
         .bind(model.map_or_else(|| NO_MODEL.to_owned(), ToString::to_string))
         .bind(tenant)
+        .bind(building)
         .bind(document)
         .bind(millis(now))
         .execute(&mut *tx)

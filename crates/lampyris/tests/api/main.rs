@@ -45,6 +45,7 @@ mod samples;
 mod schedules;
 mod series;
 mod service;
+mod siblings;
 mod state;
 mod storage;
 mod straight;

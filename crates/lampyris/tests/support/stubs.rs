@@ -5,6 +5,7 @@ use lampyris::store::batches::{BatchKind, NewBatch};
 use lampyris::store::entry::NewJob;
 use lampyris::store::finish::JobEnd;
 use lampyris::store::jobs::{JobFailure, JobKind, Origin, Priority};
+use lampyris::store::systems::SystemColumns;
 use lampyris::store::{self, Store};
 use lampyris_core::data::SystemId;
 use std::time::Duration;
@@ -37,7 +38,8 @@ pub async fn submit(store: &Store, batch: &NewBatch) {
 /// Registers a room.
 pub async fn put_room(store: &Store, room: &SystemId, tenant: &str) {
     let (model, by) = ("rc1".parse().unwrap(), ("test", None, Timestamp::now()));
-    store::systems::put(store, room, (Some(&model), tenant), "{}", by, |_| true).await.unwrap();
+    let columns = SystemColumns { model: Some(&model), tenant, building: "" };
+    store::systems::put(store, room, columns, "{}", by, |_| true).await.unwrap();
 }
 
 /// A worker whose lease outlives its test.

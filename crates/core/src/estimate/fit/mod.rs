@@ -13,6 +13,7 @@ use crate::estimate::fit::likelihood::LikelihoodReport;
 use crate::estimate::fit::parameter_change::ParameterChange;
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::basis::Basis;
+use crate::estimate::problem::prior::KnownPrior;
 use crate::schema::Interval;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
@@ -209,6 +210,9 @@ pub struct Fit {
     /// none has, or nobody looked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub changed: Option<ParameterChange>,
+    /// What was known of the parameters before any data; `None` where nothing was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prior: Option<KnownPrior>,
     /// What a user should know: bounds, correlations, parts dropped, weak convergence.
     pub remarks: Vec<String>,
     /// Parameters that were fixed at their nominal value because the data do not determine them.

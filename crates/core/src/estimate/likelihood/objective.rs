@@ -148,7 +148,7 @@ impl<'a> LikelihoodObjective<'a> {
 
     /// The pull of the prior at a coordinate.
     fn pull(&self, point: &[f64], coordinate: usize) -> Option<f64> {
-        self.problem.pull(self.places[coordinate], point, self.problem.prior().deviation()?)
+        self.problem.pull(self.places[coordinate], point)
     }
 
     /// Minus the log-likelihood, and minus the logarithm of the prior where there is one.
@@ -179,9 +179,10 @@ impl<'a> LikelihoodObjective<'a> {
                 .collect(),
         };
         for (index, coordinate) in moving.iter().enumerate() {
-            if let Some(pull) = self.pull(&point, *coordinate) {
-                let dimension = &self.space.dimensions()[*coordinate];
-                let by = (dimension.upper / dimension.lower).ln();
+            if let (Some(pull), Some(known)) =
+                (self.pull(&point, *coordinate), self.problem.known_before(self.places[*coordinate]))
+            {
+                let by = self.space.dimensions()[*coordinate].length() / known.deviation;
                 slope.value += 0.5 * pull * pull;
                 slope.gradient[index] += pull * by;
                 slope.information[index * d + index] += by * by;

@@ -14,7 +14,7 @@ pub struct Choices {
     pub objective: Objective,
     /// What the shape counts in it.
     pub delta: ShapeDelta,
-    /// Whether the logarithms of the parameters are drawn to their nominal values.
+    /// What is known of the parameters beforehand.
     pub prior: Prior,
     /// Other bounds, by parameter.
     pub bounds: IndexMap<String, [f64; 2]>,
@@ -27,7 +27,7 @@ impl Choices {
     /// scale. A parameter that only other variants of the model use is known, and what is asked of it waits
     /// for their channels: which variant it is shows when the measurements are there.
     pub fn faults(&self, model: &Model) -> Vec<Fault> {
-        let mut faults = Vec::new();
+        let mut faults = self.prior.faults(model);
         let names = || model.parameters().iter().map(|parameter| parameter.name.as_str());
         for (field, name) in self
             .bounds

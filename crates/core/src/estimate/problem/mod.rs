@@ -37,7 +37,7 @@ use choices::{Choices, Source};
 use indexmap::IndexMap;
 use objective::{Objective, ShapeDelta, Share, divisor};
 use predictor::Predictor;
-use prior::{Prior, pull};
+use prior::{KnownParameter, Prior};
 use std::ops::Range;
 
 /// Fewest samples to train on, of every output.
@@ -54,7 +54,7 @@ pub struct Problem {
     objective: Objective,
     delta: ShapeDelta,
     prior: Prior,
-    /// Residual variance of the fit without a prior; the prior's weight.
+    /// Variance of the residual of the fit without a prior, as if it were white; the prior's weight.
     prior_variance: Option<f64>,
     measured: Vec<(Vec<f64>, Vec<bool>)>,
     /// Estimated starts of the measured states, by channel.
@@ -119,7 +119,7 @@ impl Problem {
             split,
             objective: choices.objective,
             delta: choices.delta,
-            prior: choices.prior,
+            prior: choices.prior.clone(),
             prior_variance: None,
             measured,
             starts: IndexMap::new(),
@@ -249,18 +249,23 @@ impl Problem {
     }
 
     /// The prior.
-    pub fn prior(&self) -> Prior {
-        self.prior
+    pub fn prior(&self) -> &Prior {
+        &self.prior
     }
 
-    /// The [`pull`] of a parameter at a full vector.
-    pub fn pull(&self, index: usize, theta: &[f64], deviation: f64) -> Option<f64> {
-        pull(self.model.parameters().get(index)?, theta[index], self.nominal[index], deviation)
+    /// Where the prior takes a parameter to lie; `None` where it knows nothing of it.
+    pub fn known_before(&self, index: usize) -> Option<KnownParameter> {
+        self.prior.of(self.model.parameters().get(index)?, self.nominal[index])
     }
 
-    /// Those of all free parameters that a prior draws.
-    pub fn pulls(&self, theta: &[f64], deviation: f64) -> impl Iterator<Item = f64> {
-        self.free.iter().filter_map(move |index| self.pull(*index, theta, deviation))
+    /// How many deviations the prior has a parameter lie from its middle, at a full vector.
+    pub fn pull(&self, index: usize, theta: &[f64]) -> Option<f64> {
+        self.known_before(index)?.pull(self.model.parameters().get(index)?, theta[index])
+    }
+
+    /// The pulls of all free parameters that a prior draws.
+    pub fn pulls(&self, theta: &[f64]) -> impl Iterator<Item = f64> {
+        self.free.iter().filter_map(move |index| self.pull(*index, theta))
     }
 
     /// The box of the free parameters.
@@ -348,8 +353,8 @@ impl Problem {
             let (simulated, (values, _)) = (&trajectory.outputs[output], &self.measured[output]);
             residuals.extend(used.iter().map(|k| (simulated[*k] - values[*k]) * weight));
         }
-        if let (Some(deviation), Some(variance)) = (self.prior.deviation(), self.prior_variance) {
-            self.add_prior(&mut residuals, theta, deviation, variance);
+        if let Some(variance) = self.prior_variance {
+            self.add_prior(&mut residuals, theta, variance);
         }
         residuals
     }
@@ -408,9 +413,9 @@ impl Problem {
     }
 
     /// Appends the pulls of the prior, so that the cost becomes MSE + s2/n sum z2.
-    fn add_prior(&self, residuals: &mut Vec<f64>, theta: &[f64], deviation: f64, variance: f64) {
+    fn add_prior(&self, residuals: &mut Vec<f64>, theta: &[f64], variance: f64) {
         let n = residuals.len();
-        residuals.extend(self.pulls(theta, deviation).map(|pull| variance.sqrt() * pull));
+        residuals.extend(self.pulls(theta).map(|pull| variance.sqrt() * pull));
         let stretch = (residuals.len() as f64 / n.max(1) as f64).sqrt();
         residuals.iter_mut().for_each(|residual| *residual *= stretch);
     }

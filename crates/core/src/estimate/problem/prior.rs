@@ -1,11 +1,13 @@
-//! What is known of the parameters before any data: their logarithms are normal about the nominal values.
+//! What is known of the parameters before any data: where they lie, and how far from there they may be.
 
-use crate::model::{Parameter, Scale};
+use crate::fault::Fault;
+use crate::model::{Model, Parameter, Scale};
+use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// What is known about the parameters before any data.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Prior {
     /// Nothing but the bounds.
@@ -14,21 +16,95 @@ pub enum Prior {
     /// ln(theta) is normal about the nominal value with deviation 1: the regularisation that the thesis asks
     /// for in 7.6.2.
     LogNormal,
+    /// What the other systems of the building have, those of the same kind and model; nothing where they are
+    /// too few.
+    Siblings,
+    /// What is written down, or was learnt from others.
+    Known(KnownPrior),
+}
+
+/// What is known of some parameters.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KnownPrior {
+    /// The systems that it was learnt from.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub from: Vec<String>,
+    /// The parameters by name; nothing is known of the others.
+    pub parameters: IndexMap<String, KnownParameter>,
+}
+
+/// Where a parameter is taken to lie: normally distributed, or its logarithm where it is searched on a
+/// logarithmic scale.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KnownParameter {
+    /// The middle, in its unit.
+    pub value: f64,
+    /// The standard deviation: in its unit, or of the logarithm on a logarithmic scale (0.3 is about 30 %).
+    #[schema(exclusive_minimum = 0)]
+    pub deviation: f64,
 }
 
 impl Prior {
-    /// The deviation of a logarithm, where one is known.
-    pub fn deviation(self) -> Option<f64> {
+    /// Where a parameter with this nominal value is taken to lie; `None` where nothing is known of it.
+    pub fn of(&self, parameter: &Parameter, nominal: f64) -> Option<KnownParameter> {
         match self {
-            Prior::None => None,
-            Prior::LogNormal => Some(1.0),
+            Prior::None | Prior::Siblings => None,
+            Prior::LogNormal => {
+                let is_log = parameter.scale == Scale::Log && nominal > 0.0;
+                is_log.then_some(KnownParameter { value: nominal, deviation: 1.0 })
+            }
+            Prior::Known(known) => known.parameters.get(&parameter.name).copied(),
         }
+    }
+
+    /// Whom a fit has learnt from, in a sentence.
+    pub fn remark(&self) -> Option<String> {
+        let Prior::Known(KnownPrior { from, parameters }) = self else { return None };
+        (!from.is_empty()).then(|| {
+            format!(
+                "{} parameters are drawn to what {} other systems of the building have, as far as these data \
+                 leave them open",
+                parameters.len(),
+                from.len()
+            )
+        })
+    }
+
+    /// What makes no sense for a model: parameters that it has in none of its variants, and values that are
+    /// no middle on the scale of theirs.
+    pub fn faults(&self, model: &Model) -> Vec<Fault> {
+        let Prior::Known(known) = self else { return Vec::new() };
+        let mut faults = Vec::new();
+        for (name, KnownParameter { value, deviation }) in &known.parameters {
+            let pointer = format!("/prior/known/parameters/{name}");
+            let parameter = model.parameters().iter().find(|parameter| parameter.name == *name);
+            if parameter.is_none() && !model.unused().contains(name) {
+                let detail = format!("the model has no parameter `{name}`");
+                faults.push(Fault::new(&pointer, "unknown-parameter", detail));
+            }
+            let is_log = parameter.is_some_and(|parameter| parameter.scale == Scale::Log);
+            if !value.is_finite() || (is_log && *value <= 0.0) {
+                let detail = format!("{value} does not lie on the scale of `{name}`");
+                faults.push(Fault::new(format!("{pointer}/value"), "off-scale", detail));
+            }
+            if !(deviation.is_finite() && *deviation > 0.0) {
+                let detail = format!("{deviation} is no deviation: it is more than nothing");
+                faults.push(Fault::new(format!("{pointer}/deviation"), "out-of-range", detail));
+            }
+        }
+        faults
     }
 }
 
-/// How many deviations the logarithm of a parameter lies from that of its nominal value; `None` of a
-/// parameter on a linear scale, of which no prior is known.
-pub fn pull(parameter: &Parameter, value: f64, nominal: f64, deviation: f64) -> Option<f64> {
-    let pulled = parameter.scale == Scale::Log && value > 0.0 && nominal > 0.0;
-    pulled.then(|| (value / nominal).ln() / deviation)
+impl KnownParameter {
+    /// How many deviations a value of a parameter lies from the middle. `None` of a value that has no
+    /// logarithm where one is needed.
+    pub fn pull(&self, parameter: &Parameter, value: f64) -> Option<f64> {
+        match parameter.scale {
+            Scale::Log => (value > 0.0).then(|| (value / self.value).ln() / self.deviation),
+            Scale::Linear => Some((value - self.value) / self.deviation),
+        }
+    }
 }

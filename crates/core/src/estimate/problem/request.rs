@@ -221,7 +221,7 @@ impl EstimateRequest {
         Choices {
             objective: self.objective,
             delta: self.delta,
-            prior: self.prior,
+            prior: self.prior.clone(),
             bounds: self.bounds.clone(),
             fixed: self.fixed.clone(),
         }

@@ -118,6 +118,12 @@ impl Problem {
         problem
     }
 
+    /// The same problem with another prior.
+    #[must_use]
+    pub fn with_prior(&self, prior: Prior) -> Self {
+        Self { prior, prior_variance: None, ..self.clone() }
+    }
+
     /// The same problem with its prior weighted by this residual variance.
     #[must_use]
     pub fn with_prior_variance(&self, variance: f64) -> Self {
@@ -127,6 +133,6 @@ impl Problem {
     /// The same problem without its prior.
     #[must_use]
     pub fn without_prior(&self) -> Self {
-        Self { prior: Prior::None, ..self.clone() }
+        self.with_prior(Prior::None)
     }
 }

@@ -19,7 +19,7 @@ use super::fit::CorrelatedPair;
 use super::fit::StartEstimate;
 use super::fit::covariance::Covariance;
 use super::problem::Problem;
-use crate::estimate::decompose::singular;
+use crate::estimate::decompose::{singular, symmetric};
 use crate::simulate::Trajectory;
 use indexmap::IndexMap;
 use nalgebra::{DMatrix, DVector, Dyn, SVD};
@@ -31,6 +31,8 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 const CORRELATED: f64 = 0.95;
 /// What counts as no singular value, beside the largest.
 const LEAST: f64 = 1e-9;
+/// Deviation of a coordinate of which a prior knows nothing, in lengths of the cube.
+const UNKNOWN: f64 = 1e3;
 
 /// Intervals and correlations of the free parameters.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -58,11 +60,9 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
     let Some(sensitivity) = Sensitivity::new(problem, theta) else { return none };
     let (centre, rows) = (problem.candidate(theta), sensitivity.jacobian.nrows());
     let starts = starts::of(problem, theta, &sensitivity);
-    let Some(cube) =
-        singular(sensitivity.jacobian.clone()).and_then(|svd| cube(svd, &sensitivity, starts.as_ref()))
-    else {
-        return none;
-    };
+    let of_data =
+        singular(sensitivity.jacobian.clone()).and_then(|svd| cube(svd, &sensitivity, starts.as_ref()));
+    let Some(cube) = of_data.and_then(|cube| with_prior(problem, cube)) else { return none };
     let starts = starts.map(|found| found.as_they_are).unwrap_or_default();
     let freedom = (rows - space.len()) as f64;
     let quantile = StudentsT::new(0.0, 1.0, freedom).map_or(1.96, |t| t.inverse_cdf(0.975));
@@ -107,6 +107,37 @@ pub(in crate::estimate) fn simulations(problem: &Problem) -> usize {
     }
 }
 
+/// The covariance of the estimates, in the coordinates of the search, where a prior knows something of them
+/// beside the data: `(C^-1 + D^-1)^-1`, direction by direction, so that nothing is cancelled.
+fn with_prior(problem: &Problem, cube: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let (dimensions, free) = (problem.space().dimensions(), problem.free());
+    let known =
+        |place: usize| Some(problem.known_before(free[place])?.deviation / dimensions[place].length());
+    if (0..free.len()).all(|place| known(place).is_none()) {
+        return Some(cube);
+    }
+    let deviations = DVector::from_fn(free.len(), |place, _| known(place).unwrap_or(UNKNOWN));
+    let scaled =
+        DMatrix::from_fn(free.len(), free.len(), |i, j| cube[(i, j)] / deviations[i] / deviations[j]);
+    let found = symmetric(scaled)?;
+    let both = found.eigenvalues.map(|value| value.max(0.0) / (1.0 + value.max(0.0)));
+    let unit = &found.eigenvectors * DMatrix::from_diagonal(&both) * found.eigenvectors.transpose();
+    Some(DMatrix::from_fn(free.len(), free.len(), |i, j| unit[(i, j)] * deviations[i] * deviations[j]))
+}
+
+/// How many times as uncertain, as a variance, the errors of a free run leave its parameters as white ones of
+/// the same size would: the geometric mean over all directions, which is at least one. `None` where nothing
+/// is determined.
+pub(in crate::estimate) fn louder_than_white(problem: &Problem, theta: &[f64]) -> Option<f64> {
+    let sensitivity = Sensitivity::new(problem, theta)?;
+    let errors = |(output, block): (usize, &Block)| block.errors(problem, output, &sensitivity.run);
+    let errors: Vec<f64> = sensitivity.blocks.iter().enumerate().flat_map(errors).collect();
+    let white = errors.iter().map(|error| error * error).sum::<f64>() / errors.len().max(1) as f64;
+    let of_errors = symmetric(middle(&mut singular(sensitivity.jacobian)?.u?, &sensitivity.blocks))?;
+    let logarithms = of_errors.eigenvalues.map(|value| (value / white).max(1.0).ln());
+    Some(logarithms.mean().exp()).filter(|louder| louder.is_finite())
+}
+
 /// The covariance of the estimates in the coordinates of the search: what the errors leave open where the
 /// starts are known, and what the starts do.
 fn cube(svd: SVD<f64, Dyn, Dyn>, sensitivity: &Sensitivity, starts: Option<&Starts>) -> Option<DMatrix<f64>> {
@@ -142,14 +173,25 @@ pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64
 /// see get a huge variance instead of none.
 fn sandwich(svd: SVD<f64, Dyn, Dyn>, blocks: &[Block]) -> Option<DMatrix<f64>> {
     let (mut u, v_t) = (svd.u?, svd.v_t?);
-    let d = v_t.ncols();
     let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
     if largest <= 0.0 || !largest.is_finite() {
         return None;
     }
-    // The residuals are A^-1 w, with w white and A the filter that whitens them, so U' S U is the square of
-    // A^-T U: a recursion backwards in time.
-    let mut middle = DMatrix::zeros(d, d);
+    let mut middle = middle(&mut u, blocks);
+    let scale: Vec<f64> =
+        svd.singular_values.iter().map(|singular| 1.0 / singular.max(LEAST * largest)).collect();
+    for (i, a) in scale.iter().enumerate() {
+        for (j, b) in scale.iter().enumerate() {
+            middle[(i, j)] *= a * b;
+        }
+    }
+    Some(v_t.tr_mul(&(middle * &v_t)))
+}
+
+/// `U' S U`. The residuals are A^-1 w, with w white and A the filter that whitens them, so that it is the
+/// square of A^-T U: a recursion backwards in time, in the place of `u`.
+fn middle(u: &mut DMatrix<f64>, blocks: &[Block]) -> DMatrix<f64> {
+    let mut middle = DMatrix::zeros(u.ncols(), u.ncols());
     let mut first = 0;
     for Block { samples, stride, ar, .. } in blocks {
         let mut part = u.rows_mut(first, samples.len());
@@ -167,14 +209,7 @@ fn sandwich(svd: SVD<f64, Dyn, Dyn>, blocks: &[Block]) -> Option<DMatrix<f64>> {
         middle += part.tr_mul(&part) * ar.deviation.powi(2);
         first += samples.len();
     }
-    let scale: Vec<f64> =
-        svd.singular_values.iter().map(|singular| 1.0 / singular.max(LEAST * largest)).collect();
-    for (i, a) in scale.iter().enumerate() {
-        for (j, b) in scale.iter().enumerate() {
-            middle[(i, j)] *= a * b;
-        }
-    }
-    Some(v_t.tr_mul(&(middle * &v_t)))
+    middle
 }
 
 #[cfg(test)]

@@ -68,8 +68,9 @@ pub struct SystemDocument {
     /// What happens to an accepted fit, and how long it is fresh.
     #[serde(default)]
     pub policy: Policy,
-    /// What is known about the parameters before any data.
-    #[serde(default)]
+    /// What is known about the parameters before any data. `siblings`, the default, takes it from the other
+    /// systems of its building (the first level of `group`) that have the same model; `none` does not.
+    #[serde(default = "siblings")]
     pub prior: Prior,
     /// Other bounds than the model's, for jobs that name none.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
@@ -85,6 +86,11 @@ pub struct SystemDocument {
     /// Stretches of time whose measurements are not to be trusted.
     #[serde(default)]
     pub exclude: Vec<Exclusion>,
+}
+
+/// What is taken to be known of a system of which nobody says it.
+fn siblings() -> Prior {
+    Prior::Siblings
 }
 
 /// A place on earth, its time zone, or both.
@@ -208,6 +214,11 @@ pub struct SharedChannel {
 }
 
 impl SystemDocument {
+    /// The building that it is in: the first level of its group; empty where nobody says it.
+    pub fn building(&self) -> &str {
+        self.group.split('/').next().unwrap_or_default()
+    }
+
     /// The channels that other systems share with it: bound to `site/home:T_out` instead of to a column.
     pub fn shared(&self) -> Vec<SharedChannel> {
         let shared = |(here, bound): (&str, &str)| {
@@ -285,6 +296,7 @@ impl SystemDocument {
                 let choices = Choices {
                     bounds: self.bounds.clone(),
                     fixed: self.fixed.clone(),
+                    prior: self.prior.clone(),
                     ..EstimateRequest::default().choices()
                 };
                 choices.faults(&model)

@@ -6,7 +6,7 @@ use crate::service::error::{Refusal, ServiceError};
 use crate::service::state::Service;
 use crate::service::threads::blocking;
 use crate::store;
-use crate::store::systems::{Needs, SystemDeletion, SystemPut};
+use crate::store::systems::{Needs, SystemColumns, SystemDeletion, SystemPut};
 use lampyris_core::data::SystemId;
 use lampyris_core::fault::Fault;
 use serde_json::json;
@@ -46,8 +46,12 @@ pub async fn put(
         document.policy.checks.iter().map(|(rule, reason)| format!("{rule} waived: {reason}")).collect();
     let why = (!waived.is_empty()).then(|| waived.join("; "));
     let by = (who, why.as_deref(), service.now());
-    let own = (document.model.as_ref(), document.tenant.as_str());
-    let put = store::systems::put(&service.store, system, own, &text, by, |known| {
+    let columns = SystemColumns {
+        model: document.model.as_ref(),
+        tenant: &document.tenant,
+        building: document.building(),
+    };
+    let put = store::systems::put(&service.store, system, columns, &text, by, |known| {
         match known.map(self::document).transpose() {
             Ok(known) => allows(known.as_ref()),
             // What nobody can read any more may be replaced.

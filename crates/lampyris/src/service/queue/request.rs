@@ -306,7 +306,7 @@ pub fn read_settings(
     }
     if let Some(system) = system {
         if !settings.contains_key("prior") {
-            request.prior = system.prior;
+            request.prior.clone_from(&system.prior);
         }
         // A seed alone is no method.
         let asked = settings

@@ -12,8 +12,10 @@ use jiff::{SignedDuration, Timestamp};
 use lampyris_core::data::{ChannelView, DAY, Series, SystemId, Window, read_time};
 use lampyris_core::diagnose::ledger::LedgerEntry;
 use lampyris_core::estimate::gate::past::NextDoor;
+use lampyris_core::estimate::pooling::pooled;
+use lampyris_core::estimate::problem::prior::Prior;
 use lampyris_core::estimate::problem::request::{BEFORE, WindowRange};
-use lampyris_core::estimate::{EstimateRequest, Incumbent, Past, Problem, Reference, prepare};
+use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Past, Problem, Reference, prepare};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::{Catalogue, ModelId};
 use std::collections::{BTreeMap, BTreeSet};
@@ -21,6 +23,8 @@ use std::sync::Arc;
 
 /// How old the parameters are that a fit is compared with beside those that are served now.
 const LOOK_BACK: SignedDuration = SignedDuration::from_hours(30 * 24);
+/// Most systems of a building that one learns from: more would tell little more.
+const MOST_SIBLINGS: i64 = 40;
 /// The channel of a room that its neighbours see.
 const ROOM_TEMPERATURE: &str = "T_room";
 /// The channel of the weather that each of them may measure for itself.
@@ -43,6 +47,8 @@ pub struct JobInput {
     pub posted: bool,
     /// What a fit is judged beside, apart from what is served now.
     pub past: Past,
+    /// What the other systems of its building serve, by name; only an estimate with such a prior asks.
+    pub siblings: Vec<(String, Fit)>,
     /// What earlier diagnoses of the system saw, beside any model; of jobs that do not diagnose nothing is
     /// collected.
     pub evidence: Vec<LedgerEntry>,
@@ -73,7 +79,25 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, Servic
         JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, None).await?,
         _ => Vec::new(),
     };
-    Ok(JobInput { past, evidence, posted: job.origin == Origin::Posted, ..input })
+    let siblings = siblings(service, job, &input).await?;
+    Ok(JobInput { past, siblings, evidence, posted: job.origin == Origin::Posted, ..input })
+}
+
+/// What the other systems of a building serve, where an estimate shall learn from them.
+async fn siblings(
+    service: &Service,
+    job: &JobRecord,
+    input: &JobInput,
+) -> Result<Vec<(String, Fit)>, ServiceError> {
+    let building = input.system.building();
+    let is_asked = job.kind == JobKind::Estimate && input.request.prior == Prior::Siblings;
+    if !is_asked || !service.settings.estimate.borrow || building.is_empty() {
+        return Ok(Vec::new());
+    }
+    let place = (input.system.tenant.as_str(), building);
+    let found =
+        store::fits::of_siblings(&service.store, &job.system, place, &input.model, MOST_SIBLINGS).await?;
+    Ok(found.into_iter().map(|record| (record.system.to_string(), record.fit)).collect())
 }
 
 /// What is known of older parameters, and of newer measurements.
@@ -135,6 +159,7 @@ pub async fn collect(
         served: store::fits::served(&service.store, name).await?,
         posted: false,
         past: Past::default(),
+        siblings: Vec::new(),
         evidence: Vec::new(),
         request,
         system,
@@ -325,8 +350,12 @@ impl JobInput {
     /// # Errors
     /// Faults of the model, the request and the measurements.
     pub fn problem(&self, window: &Window) -> Result<Problem, ServiceError> {
-        prepare(&self.catalogue, &self.model, &self.request, window, &self.system.site())
-            .map_err(ServiceError::Faults)
+        let problem = prepare(&self.catalogue, &self.model, &self.request, window, &self.system.site())
+            .map_err(ServiceError::Faults)?;
+        Ok(match pooled(&problem, &self.siblings) {
+            Some(known) => problem.with_prior(Prior::Known(known)),
+            None => problem,
+        })
     }
 
     /// Whether somebody has narrowed this one search: such a fit may be served, but the nights to come are
