@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// The rooms of the estimation, in the order in which its data pass them.
-const ESTIMATE: [&str; 14] = [
+const ESTIMATE: [&str; 15] = [
     "decompose",
     "problem",
     "fit",
@@ -25,6 +25,7 @@ const ESTIMATE: [&str; 14] = [
     "likelihood",
     "run",
     "segments",
+    "pooling",
     "gate",
     "tune",
 ];

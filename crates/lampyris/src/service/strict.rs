@@ -75,6 +75,9 @@ impl<'de> Deserializer<'de> for Strict<'de> {
     ) -> Result<V::Value, Error> {
         match self.0 {
             Value::String(word) => visitor.visit_enum(word.as_str().into_deserializer()),
+            Value::Object(fields) if fields.len() > 1 => {
+                Err(Error::custom("the object says several things of which only one can be"))
+            }
             Value::Object(fields) => {
                 let fields =
                     MapDeserializer::new(fields.iter().map(|(name, value)| (name.as_str(), Strict(value))));
@@ -129,6 +132,7 @@ mod tests {
             read(json!({"box": {"at": [1, 2.5]}})).unwrap(),
             Shape::Box(Corner { at: [1.0, 2.5], name: None })
         );
+        assert!(read(json!({"box": {"at": [1, 2]}, "more": 1})).unwrap_err().contains("only one"));
         assert_eq!(
             read(json!({"box": {"at": [1, 2], "name": "a"}})).unwrap(),
             Shape::Box(Corner { at: [1.0, 2.0], name: Some("a".into()) })
