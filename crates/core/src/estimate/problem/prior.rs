@@ -3,7 +3,8 @@
 use crate::fault::Fault;
 use crate::model::{Model, Parameter, Scale};
 use indexmap::IndexMap;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
 /// What is known about the parameters before any data.
@@ -42,8 +43,16 @@ pub struct KnownParameter {
     /// The middle, in its unit.
     pub value: f64,
     /// The standard deviation: in its unit, or of the logarithm on a logarithmic scale (0.3 is about 30 %).
+    #[serde(deserialize_with = "deviation")]
     #[schema(exclusive_minimum = 0)]
     pub deviation: f64,
+}
+
+/// A deviation, which is more than nothing.
+fn deviation<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let value = f64::deserialize(deserializer)?;
+    let serves = value.is_finite() && value > 0.0;
+    serves.then_some(value).ok_or_else(|| D::Error::custom(format!("a deviation is above 0, not {value}")))
 }
 
 impl Prior {
@@ -77,7 +86,7 @@ impl Prior {
     pub fn faults(&self, model: &Model) -> Vec<Fault> {
         let Prior::Known(known) = self else { return Vec::new() };
         let mut faults = Vec::new();
-        for (name, KnownParameter { value, deviation }) in &known.parameters {
+        for (name, KnownParameter { value, .. }) in &known.parameters {
             let pointer = format!("/prior/known/parameters/{name}");
             let parameter = model.parameters().iter().find(|parameter| parameter.name == *name);
             if parameter.is_none() && !model.unused().contains(name) {
@@ -88,10 +97,6 @@ impl Prior {
             if !value.is_finite() || (is_log && *value <= 0.0) {
                 let detail = format!("{value} does not lie on the scale of `{name}`");
                 faults.push(Fault::new(format!("{pointer}/value"), "off-scale", detail));
-            }
-            if !(deviation.is_finite() && *deviation > 0.0) {
-                let detail = format!("{deviation} is no deviation: it is more than nothing");
-                faults.push(Fault::new(format!("{pointer}/deviation"), "out-of-range", detail));
             }
         }
         faults
