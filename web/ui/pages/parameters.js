@@ -87,7 +87,7 @@ export function Values({ fit, history, change }) {
   const known = name => fit.prior?.parameters[name];
   const knownBefore = (name, unit) => {
     const { value, deviation } = known(name);
-    const spread = scaleOf(name) === 'log' ? html`times or by ${number(Math.exp(deviation))}` : html`± ${number(deviation)} ${unitOf(unit)}`;
+    const spread = scaleOf(name) === 'log' ? html`within a factor of ${number(Math.exp(deviation))}` : html`± ${number(deviation)} ${unitOf(unit)}`;
     return html`<br /><small class="quiet">${fit.prior.from?.length ? 'others in the building' : 'known before'}: ${number(value)}, ${spread}</small>`;
   };
   return html`<${Frame} title=${`Parameters of ${fit.model}`} path=${`/fits/${fit.id}`} drawn=${false}

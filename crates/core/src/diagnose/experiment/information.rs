@@ -26,6 +26,7 @@ use crate::interrupt::Brake;
 use crate::model::Scale;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Length of the segments in hours: a day, so that its noise meets the same starts on every day, and slow
 /// states are held together.
@@ -42,27 +43,32 @@ const MOST_FITTED: f64 = 0.99;
 /// Fewest past days whose noise says anything of the days to come.
 pub const FEWEST_DAYS: usize = 5;
 
-/// The segments of whole days, and the output and sample of each of their rows.
+/// The segments of whole days.
 struct DailySegments {
-    days: WholeDays,
     segments: Segments,
-    rows: Vec<(usize, usize)>,
-    /// The days on which something was measured.
-    measured: Vec<usize>,
-    outputs: usize,
+    /// Of each of their rows, where it stands in its day, and which of the measured days that is.
+    places: Vec<(usize, usize)>,
+    /// Rows of a day: every output and sample.
+    per_day: usize,
+    /// How many days something was measured on.
+    measured: usize,
 }
 
 impl DailySegments {
     /// `None` of a model without a filter, and where nothing was measured.
     fn new(problem: &Problem, days: WholeDays) -> Option<Self> {
         let segments = Segments::new(problem, days.samples.clone(), SEGMENT_HOURS)?;
-        let rows: Vec<(usize, usize)> = segments.rows().collect();
-        let mut measured: Vec<usize> =
-            rows.iter().map(|(_, sample)| (sample - days.samples.start) / days.per_day).collect();
-        measured.sort_unstable();
-        measured.dedup();
-        let outputs = problem.model().outputs().len();
-        (!segments.is_empty()).then_some(Self { days, segments, rows, measured, outputs })
+        let since = |sample: usize| sample - days.samples.start;
+        let measured: BTreeSet<usize> =
+            segments.rows().map(|(_, sample)| since(sample) / days.per_day).collect();
+        let columns: BTreeMap<usize, usize> = measured.iter().copied().zip(0..).collect();
+        let place = |(output, sample): (usize, usize)| {
+            let (day, hour) = (since(sample) / days.per_day, since(sample) % days.per_day);
+            (output * days.per_day + hour, columns[&day])
+        };
+        let places = segments.rows().map(place).collect();
+        let per_day = problem.model().outputs().len() * days.per_day;
+        (!segments.is_empty()).then_some(Self { segments, places, per_day, measured: columns.len() })
     }
 
     fn linear(&self, problem: &Problem, theta: &[f64], starts: &[Vec<f64>]) -> Option<Linear> {
@@ -81,19 +87,15 @@ impl DailySegments {
             let column = |parameter: &DMatrix<f64>| parameter.column(day).clone_owned();
             DMatrix::from_columns(&by_parameter.iter().map(column).collect::<Vec<_>>())
         };
-        (0..self.measured.len()).map(of).collect()
+        (0..self.measured).map(of).collect()
     }
 
     /// A series of rows by measured days: a column each, the values of every output from the day's first
     /// sample on; zero where nothing was measured.
     fn by_day(&self, series: &[f64]) -> DMatrix<f64> {
-        let per_day = self.days.per_day;
-        let mut days = DMatrix::zeros(self.outputs * per_day, self.measured.len());
-        for ((output, sample), value) in self.rows.iter().zip(series) {
-            let since = sample - self.days.samples.start;
-            if let Ok(day) = self.measured.binary_search(&(since / per_day)) {
-                days[(output * per_day + since % per_day, day)] = *value;
-            }
+        let mut days = DMatrix::zeros(self.per_day, self.measured);
+        for (place, value) in self.places.iter().zip(series) {
+            days[*place] = *value;
         }
         days
     }
@@ -133,7 +135,7 @@ impl Knowledge {
         let record = DailySegments::new(problem, WholeDays::of(problem, 0)?).ok_or_else(|| {
             cannot("a model without a filter, or a record without measurements, has no segments")
         })?;
-        if record.measured.len() < FEWEST_DAYS {
+        if record.measured < FEWEST_DAYS {
             let detail = format!("{FEWEST_DAYS} measured days are needed to know the noise; there are fewer");
             return Err(cannot(&detail));
         }
@@ -162,7 +164,7 @@ impl Knowledge {
             units,
             spans,
             starts: linear.starts,
-            variance: squares / record.rows.len().max(1) as f64,
+            variance: squares / record.places.len().max(1) as f64,
             squares,
             normal: DMatrix::zeros(0, 0),
             middle: DMatrix::zeros(0, 0),
@@ -170,7 +172,7 @@ impl Knowledge {
         };
         (found.normal, found.middle) = found.within_reach();
         found.add_normal(&jacobian);
-        let shown = record.by_day(&vec![1.0; record.rows.len()]);
+        let shown = record.by_day(&vec![1.0; record.places.len()]);
         found.noise = found
             .noise_behind(record.by_day(&linear.residual), &shown, &jacobian, brake)
             .ok_or_else(|| cannot("the data do not determine the parameters"))?;

@@ -7,6 +7,9 @@ use crate::fault::{Fault, nearest};
 use crate::model::{Model, Scale};
 use indexmap::IndexMap;
 
+/// Where the parameters of a prior stand that is written down.
+const PRIOR: &str = "prior/known/parameters";
+
 /// What the caller wants different from the model's own document.
 #[derive(Debug, Clone, Default)]
 pub struct Choices {
@@ -27,13 +30,14 @@ impl Choices {
     /// scale. A parameter that only other variants of the model use is known, and what is asked of it waits
     /// for their channels: which variant it is shows when the measurements are there.
     pub fn faults(&self, model: &Model) -> Vec<Fault> {
-        let mut faults = self.prior.faults(model);
+        let mut faults = Vec::new();
         let names = || model.parameters().iter().map(|parameter| parameter.name.as_str());
         for (field, name) in self
             .bounds
             .keys()
             .map(|name| ("bounds", name))
             .chain(self.fixed.keys().map(|name| ("fixed", name)))
+            .chain(self.prior.parameters().map(|(name, _)| (PRIOR, name)))
         {
             if !names().chain(model.unused().iter().map(String::as_str)).any(|known| known == name) {
                 let fault = Fault::new(
@@ -62,6 +66,14 @@ impl Choices {
                     "not-finite",
                     format!("{value} is not a finite number"),
                 ));
+            }
+        }
+        for (name, known) in self.prior.parameters() {
+            let parameter = model.parameters().iter().find(|parameter| parameter.name == *name);
+            let is_log = parameter.is_some_and(|parameter| parameter.scale == Scale::Log);
+            if !known.value.is_finite() || (is_log && known.value <= 0.0) {
+                let detail = format!("{} does not lie on the scale of `{name}`", known.value);
+                faults.push(Fault::new(format!("/{PRIOR}/{name}/value"), "off-scale", detail));
             }
         }
         for delay in model.delays() {

@@ -1,7 +1,6 @@
 //! What is known of the parameters before any data: where they lie, and how far from there they may be.
 
-use crate::fault::Fault;
-use crate::model::{Model, Parameter, Scale};
+use crate::model::{Parameter, Scale};
 use indexmap::IndexMap;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -81,25 +80,10 @@ impl Prior {
         })
     }
 
-    /// What makes no sense for a model: parameters that it has in none of its variants, and values that are
-    /// no middle on the scale of theirs.
-    pub fn faults(&self, model: &Model) -> Vec<Fault> {
-        let Prior::Known(known) = self else { return Vec::new() };
-        let mut faults = Vec::new();
-        for (name, KnownParameter { value, .. }) in &known.parameters {
-            let pointer = format!("/prior/known/parameters/{name}");
-            let parameter = model.parameters().iter().find(|parameter| parameter.name == *name);
-            if parameter.is_none() && !model.unused().contains(name) {
-                let detail = format!("the model has no parameter `{name}`");
-                faults.push(Fault::new(&pointer, "unknown-parameter", detail));
-            }
-            let is_log = parameter.is_some_and(|parameter| parameter.scale == Scale::Log);
-            if !value.is_finite() || (is_log && *value <= 0.0) {
-                let detail = format!("{value} does not lie on the scale of `{name}`");
-                faults.push(Fault::new(format!("{pointer}/value"), "off-scale", detail));
-            }
-        }
-        faults
+    /// The parameters that are written down, or were learnt from others.
+    pub fn parameters(&self) -> impl Iterator<Item = (&String, &KnownParameter)> {
+        let known = if let Prior::Known(known) = self { Some(&known.parameters) } else { None };
+        known.into_iter().flatten()
     }
 }
 
