@@ -82,6 +82,9 @@ enum Study {
     /// The same as `diagnose` on measured rooms with a known driver withheld, and with the channels of other
     /// days.
     Real(real::Arguments),
+    /// Whether the terms that are proposed find the channel that drives a measured room, where no channel has
+    /// a name that says what it is.
+    RealProposals(real::proposals::Arguments),
     /// How often the bands of forecasts hold what was measured then, in measured rooms.
     Bands(real::bands::Arguments),
     /// What a diagnosis names on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an
@@ -124,6 +127,7 @@ impl Study {
             Self::Borrowing(asked) => ("borrowing", Some(asked.first.seed)),
             Self::Experiments(asked) => ("experiments", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
+            Self::RealProposals(_) => ("real-proposals", None),
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
             Self::Functions(asked) => ("functions", Some(asked.seeds.first.seed)),
@@ -202,6 +206,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
             more = json!({ "windows": windows });
             rows
         }
+        Study::RealProposals(asked) => real::proposals::run(asked)?,
         Study::Bands(asked) => real::bands::run(asked)?,
         Study::Diagnose(asked) => diagnose::run(asked)?,
         Study::MissingHeat(asked) => missing_heat::run(asked)?,

@@ -62,7 +62,7 @@ fn judge(seed: u64, hidden: &'static str, level: Level) -> Result<Seen, Failure>
         rate: asked.accusation_rate,
     };
     let (found, common) = propose_knowing(&asked, Some(&made.hidden_heat))
-        .map_err(|fault| Failure::Error(fault.to_string()))?;
+        .map_err(|fault| Failure::Error(format!("{seed} {hidden}: {fault}")))?;
     let first = found.proposals.first().map_or_else(String::new, |first| first.sentence.clone());
     let moves = made.truth.effects.first().map_or(0.0, |effect| effect.moves);
     Ok(Seen { seed, hidden, moves, common, first })

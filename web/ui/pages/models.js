@@ -6,6 +6,9 @@ import { Table } from '../parts/table.js';
 import { Shown } from '../parts/screens.js';
 import { general } from './model.js';
 
+/** What is said of an effect that a diagnosis of other systems does not try yet. */
+const ONE_ROOMS = 'Proposed for one system. From the third system on whose model has it, it is tried in all.';
+
 export function Models() {
   const models = useList('/models');
   const effects = useList('/effects');
@@ -22,7 +25,7 @@ export function Models() {
       rows=${list.filter(matches).map(model => [html`<a href=${address(['models', model.id])}>${model.id}</a>`, model.title, model.parent ?
         html`<a href=${address(['models', model.parent])}>${model.parent}</a>` : ''])} />`} />
     <${Shown} of=${effects} what="the effects"
-      show=${list => html`<${Table} caption="Effects" columns=${[['effect'], ['title'], ['what it says'], ['what its absence looks like']]}
+      show=${list => html`<${Table} caption="Effects" columns=${[['effect'], ['title'], ['what it says'], ['what its absence looks like'], ['in systems', 'number']]}
       rows=${list.filter(matches).map(effect => [html`<a href=${address(['effects', effect.id])}>${effect.id}</a>`, general(effect.title),
-        general(effect.explain), general(effect.signature)])} />`} />`;
+        general(effect.explain), effect.tried ? general(effect.signature) : ONE_ROOMS, String(effect.systems)])} />`} />`;
 }

@@ -8,7 +8,6 @@ import { Table } from '../parts/table.js';
 import { Failed, Loading } from '../parts/screens.js';
 
 const UNPROCESSABLE = 422;
-const CONFLICT = 409;
 
 /** `add` hears the id and the title of an effect that was taken; null where nothing can be added now. */
 export function Proposals({ fit, add }) {
@@ -57,14 +56,14 @@ function Proposal({ proposal, add }) {
       await ask('/effects', { method: 'POST', body: proposal.document });
       add({ effect: proposal.effect, title: proposal.document.title });
     } catch (failure) {
-      // Another search has left its own numbers under this name: that one is the user's to use or to rename.
-      setError(failure.status === CONFLICT ? { ...failure, detail: `an effect ${proposal.effect} with other numbers is there already` } : failure);
+      setError(failure);
     }
     setBusy(false);
   };
   return html`<article class="finding" aria-label=${proposal.effect}>
     <p><strong>${proposal.sentence}</strong></p>
     <p><code>${proposal.equation}</code> with ${number(proposal.size)} ${proposal.unit}. It leaves ${percent(proposal.left)} of the squared error, and half of the days confirm the other half (${percent(proposal.confirmed)}).</p>
+    ${proposal.known && html`<p class="quiet">The service has this term already, with the numbers of another fit: yours are found anew.</p>`}
     ${proposal.or.length > 0 && html`<p class="quiet">These data cannot tell it from: ${proposal.or.join('; ')}.</p>`}
     <details><summary>The document</summary><pre tabindex="0">${proposal.toml}</pre></details>
     ${error && html`<p class="note" role="alert">▲ ${error.detail ?? String(error)}.</p>`}

@@ -110,6 +110,14 @@ impl Catalogue {
         self.effects.insert(effect.id.clone(), effect);
     }
 
+    /// The same without some effects.
+    #[must_use]
+    pub fn without(&self, effects: &[String]) -> Self {
+        let mut fewer = self.clone();
+        fewer.effects.retain(|id, _| !effects.contains(id));
+        fewer
+    }
+
     /// All models, by name.
     pub fn models(&self) -> impl Iterator<Item = &ModelDocument> {
         self.models.values()

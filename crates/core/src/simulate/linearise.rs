@@ -128,7 +128,8 @@ impl<'a> Linearisation<'a> {
     }
 
     /// The steps of several stretches of samples, each along the trajectory that starts at its first one,
-    /// and each step in two parts: near enough for small changes.
+    /// and each step in two parts: near enough for small changes. A stretch that leaves the numbers so, as far
+    /// away from where a model switches, is taken in as many as it needs.
     pub fn stretches<'s>(
         &self,
         stretches: impl Iterator<Item = (Range<usize>, &'s [f64])>,
@@ -137,7 +138,14 @@ impl<'a> Linearisation<'a> {
     ) -> Option<Vec<Vec<LinearStep>>> {
         let q = variances(noise);
         let mut drives = Vec::new();
-        stretches.map(|(samples, start)| self.chained(samples, start, &q, 2, brake, &mut drives)).collect()
+        let mut chained = |samples: Range<usize>, start: &[f64], finest: usize| {
+            self.chained(samples, start, &q, finest, brake, &mut drives)
+        };
+        stretches
+            .map(|(samples, start)| {
+                chained(samples.clone(), start, 2).or_else(|| chained(samples, start, FINEST))
+            })
+            .collect()
     }
 
     /// The steps from each of these samples to the next along one trajectory, each in at most so many parts.

@@ -18,6 +18,7 @@ mod diagnoses;
 mod diagnostics;
 mod dialect;
 mod docs;
+mod effects;
 mod events;
 mod evidence;
 mod examples;

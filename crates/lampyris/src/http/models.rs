@@ -1,4 +1,4 @@
-//! Models and effects: documents that say what physics is thought to be at work.
+//! Models: documents that say what physics is thought to be at work.
 
 use super::access::Caller;
 use super::extract::{Asked, Json, JsonOrToml};
@@ -18,7 +18,7 @@ use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
 use lampyris_core::interrupt::Brake;
 use lampyris_core::model::document::ModelDocument;
-use lampyris_core::model::spec::{EffectSpec, ModelSpec};
+use lampyris_core::model::spec::ModelSpec;
 use lampyris_core::model::{Input, InputHold, Model, ModelId, Nominal, Output, Parameter, Scale};
 use lampyris_core::schema::Interval;
 use serde::Serialize;
@@ -34,8 +34,6 @@ pub fn router() -> OpenApiRouter<Shared> {
         .routes(routes!(validate_model))
         .routes(routes!(get_model))
         .routes(routes!(post_model_effect))
-        .routes(routes!(list_effects, post_effect))
-        .routes(routes!(get_effect))
 }
 
 /// One model in a list.
@@ -172,7 +170,7 @@ async fn list_models(
 }
 
 /// One page of a list that is in memory, by id.
-fn paged<T: Serialize>(
+pub(super) fn paged<T: Serialize>(
     rows: Vec<T>,
     page: &PageQuery,
     id: impl Fn(&T) -> &str,
@@ -298,75 +296,7 @@ async fn post_model_effect(
     Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
 }
 
-/// All effects: the built-in ones and those of users.
-#[utoipa::path(
-    get,
-    path = "/effects",
-    tag = "effects",
-    params(PageQuery),
-    responses((status = 200, body = Page<EffectSpec>), Problems)
-)]
-async fn list_effects(
-    State(service): State<Shared>,
-    Asked(page): Asked<PageQuery>,
-) -> Result<axum::Json<Page<EffectSpec>>, ApiError> {
-    paged(service.catalogue.current().effects().cloned().collect(), &page, |effect| &effect.id)
-}
-
-/// Takes an effect document, in JSON, or in TOML where `Content-Type` says `application/toml`.
-#[utoipa::path(
-    post,
-    path = "/effects",
-    tag = "effects",
-    params(("Idempotency-Key" = Option<String>, Header)),
-    request_body = EffectSpec,
-    responses(
-        (status = 200, description = "It was there already", body = EffectSpec),
-        (
-            status = 201,
-            description = "Taken; `Location` leads to it",
-            body = EffectSpec,
-            headers(("Location" = String))
-        ),
-        (
-            status = 409,
-            description = "Another document has this id",
-            body = Problem,
-            content_type = PROBLEM_JSON
-        ),
-        Problems,
-    )
-)]
-async fn post_effect(
-    State(service): State<Shared>,
-    caller: Caller,
-    JsonOrToml(body): JsonOrToml,
-) -> Result<Response, ApiError> {
-    let taken = models::create_effect(&service, body.value, caller.name(), body.key.as_ref())
-        .await
-        .map_err(ApiError::of_document)?;
-    let location = format!("/effects/{}", taken.thing.id);
-    Ok((created(taken.is_new), [(header::LOCATION, location)], axum::Json(taken.thing)).into_response())
-}
-
-/// One effect.
-#[utoipa::path(
-    get,
-    path = "/effects/{id}",
-    tag = "effects",
-    params(("id" = String, Path)),
-    responses((status = 200, body = EffectSpec), Problems)
-)]
-async fn get_effect(
-    State(service): State<Shared>,
-    Path(id): Path<String>,
-) -> Result<axum::Json<EffectSpec>, ApiError> {
-    let catalogue = service.catalogue.current();
-    let effect = catalogue.effects().find(|effect| effect.id == id).cloned();
-    effect.map(axum::Json).ok_or(ApiError::NotFound("effect", id))
-}
-
-fn created(is_new: bool) -> StatusCode {
+pub(super) fn created(is_new: bool) -> StatusCode {
     if is_new { StatusCode::CREATED } else { StatusCode::OK }
 }
 

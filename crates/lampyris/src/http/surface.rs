@@ -4,10 +4,10 @@ use super::constant::ConstantBody;
 use super::problem::ApiError;
 use super::shared::Shared;
 use super::{
-    access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, events,
-    evidence, experiments, export, extract, fits, forecast, history, influx, jobs, language, layout, matrix,
-    metrics, missing_heat, models, nights, overview, parameter_changes, params, preview, problem, prometheus,
-    proposals, samples, schedules, series, service, state, systems, web, windows,
+    access, audit, batches, book, comparison, decisions, description, diagnoses, diagnostics, docs, effects,
+    events, evidence, experiments, export, extract, fits, forecast, history, influx, jobs, language, layout,
+    matrix, metrics, missing_heat, models, nights, overview, parameter_changes, params, preview, problem,
+    prometheus, proposals, samples, schedules, series, service, state, systems, web, windows,
 };
 use crate::service::query::matrix::cells::MatrixRow;
 use axum::Router;
@@ -63,6 +63,7 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(series::router())
         .merge(layout::router())
         .merge(models::router())
+        .merge(effects::router())
         .merge(language::router())
         .merge(preview::router())
         .merge(jobs::router())

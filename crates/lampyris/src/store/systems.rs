@@ -278,6 +278,18 @@ pub async fn delete(
     Ok(SystemDeletion::Gone)
 }
 
+/// How many systems of a scope have which model.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn by_model(store: &Store, scope: &SystemScope) -> Result<Vec<(ModelId, i64)>, StoreError> {
+    let sql = "SELECT model, COUNT(*) FROM systems WHERE model <> $1 AND ($2 IS NULL OR EXISTS \
+        (SELECT 1 FROM json_each($2) WHERE glob(value, system))) GROUP BY model ORDER BY model";
+    let rows: Vec<(String, i64)> =
+        query_as(sql).bind(NO_MODEL).bind(scope.sql()?).fetch_all(&store.reader).await?;
+    rows.into_iter().map(|(model, count)| Ok((parse("a model", &model)?, count))).collect()
+}
+
 async fn needs(tx: &mut Session, system: &str) -> Result<Needs, StoreError> {
     let count = "SELECT (SELECT COUNT(*) FROM fits WHERE system = $1), (SELECT COUNT(*) FROM revisions WHERE \
         system = $1)";

@@ -13,6 +13,18 @@ pub struct Room {
     pub place: (f64, f64),
 }
 
+impl Room {
+    /// Whether this channel is one of those that are known to drive it.
+    pub fn driven_by(&self, channel: &str) -> bool {
+        let reads = |driver: &str| match driver.split_once(':') {
+            _ if driver.contains("solar_gain") => channel == "irradiance",
+            Some((_, argument)) => channel == argument,
+            None => false,
+        };
+        self.drivers.iter().any(|driver| reads(driver))
+    }
+}
+
 /// The file of the house whose windows begin later.
 pub const BELGIAN: &str = "belgian_house/belgian_house_10min.csv.gz";
 const BLOCH: &str = "bloch_school/bloch_school.csv.gz";

@@ -1,6 +1,7 @@
 //! Which terms are proposed: those that do better than the best of the same search on errors that no channel
 //! has to do with, tried beside parameters of their own, with what cannot be told from them.
 
+use super::document::TermWriting;
 use super::search::{SearchScores, TermScore, TermSearch, range};
 use super::settled::{SettledBeside, Trial};
 use super::term::{Memory, Schedule, Term, TermSubject};
@@ -16,8 +17,10 @@ pub(super) const LEAST_SHIFTS: usize = 5;
 /// Most kinds of terms that are tried beside parameters that are sought anew, and beside those of the best.
 const KINDS: usize = 8;
 const KINDS_BESIDE: usize = 4;
-/// Of those so many are refined beside parameters of their own.
+/// Of those so many are refined beside parameters of their own, and the parameters beside the refined, so
+/// often at most.
 const REFINED: usize = 5;
+const ROUNDS: usize = 3;
 /// Directions that correlate so much are one thing.
 const ALIKE: f64 = 0.9;
 /// What explains less than this share of the squared error changes it by a fortieth.
@@ -36,6 +39,8 @@ const SIMPLER: f64 = 0.03;
 /// Time constants that are tried beside the best, in hours: the longer one is, the less of it the room itself
 /// may take.
 const OTHER_LAGS: [f64; 3] = [0.7, 1.5, 3.0];
+/// Most steps of one length towards better numbers of a term.
+const STEPS: usize = 6;
 /// Euler's constant, for Gumbel's mean.
 const EULER: f64 = 0.577_215_664_901_532_9;
 
@@ -78,7 +83,7 @@ pub(super) fn choose(trial: &Trial<'_>, search: &TermSearch<'_>, null: &Look<'_>
         left: dot(left, left),
     };
     let mut leaders = leaders(search, &bar, &scores, KINDS);
-    if let Some(late) = leaders.iter().find(|term| matches!(term.memory, Memory::Lag(_))).copied() {
+    if let Some(late) = leaders.iter().find(|term| term.memory != Memory::None).copied() {
         leaders.extend(OTHER_LAGS.map(|hours| Term { memory: Memory::Lag(hours), ..late }));
     }
     let first = tried(trial, search, null, &leaders, true);
@@ -95,13 +100,18 @@ pub(super) fn choose(trial: &Trial<'_>, search: &TermSearch<'_>, null: &Look<'_>
     let refined: Vec<TriedTerm> = grouped(trial, search, all, REFINED)
         .into_iter()
         .map(|one| {
-            let better = beside(trial, search, &one.settled, |search, look| {
-                tried(trial, search, look, &[refined(search, one.term)], false).pop()
-            });
-            match better.flatten().filter(|better| better.settled.squares <= one.settled.squares) {
-                Some(better) => TriedTerm { alike: one.alike, ..better },
-                None => one,
+            let mut best = one;
+            for _ in 0..ROUNDS {
+                let better = beside(trial, search, &best.settled, |search, look| {
+                    tried(trial, search, look, &[refined(search, best.term)], false).pop()
+                });
+                let gains = |better: &TriedTerm| better.settled.squares < best.settled.squares;
+                match better.flatten().filter(gains) {
+                    Some(better) => best = TriedTerm { alike: best.alike, ..better },
+                    None => break,
+                }
             }
+            best
         })
         .collect();
     found.best = grouped(trial, search, refined, MOST);
@@ -140,29 +150,31 @@ fn tried(
         let shows = confirmed > 0.0 && share >= LEAST_SHARE && t.abs() >= LEAST_T;
         shows.then_some(TriedTerm { term: *term, size, share, t, confirmed, settled, alike: Vec::new() })
     };
-    let mut tried: Vec<TriedTerm> = terms.par_iter().filter_map(one).collect();
-    order(&mut tried);
-    tried
+    ordered(trial, search, terms.par_iter().filter_map(one).collect())
 }
 
 fn scored(search: &TermSearch<'_>, look: &Look<'_>, term: &Term) -> Option<SegmentScore> {
     look.score_changes(vec![search.raw(term)?], &|_| true)
 }
 
-/// What leaves least first; the simpler of two that leave the same.
-fn order(tried: &mut [TriedTerm]) {
-    let cost = |one: &TriedTerm| one.settled.squares * (1.0 + SIMPLER * one.term.choices() as f64);
-    tried.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+/// What leaves least first; of two that leave the same the simpler one. What another room has shown already
+/// is as simple as can be.
+fn ordered(trial: &Trial<'_>, search: &TermSearch<'_>, tried: Vec<TriedTerm>) -> Vec<TriedTerm> {
+    let cost = |one: &TriedTerm| {
+        let (catalogue, model) = (trial.catalogue, trial.problem.model());
+        let (stock, term, size) = (search.stock, one.term, one.size);
+        let writing = TermWriting { stock, catalogue, model, place: "", term, size };
+        let choices = if writing.effect().1 { 0 } else { term.choices() };
+        one.settled.squares * (1.0 + SIMPLER * choices as f64)
+    };
+    let mut costed: Vec<(f64, TriedTerm)> = tried.into_iter().map(|one| (cost(&one), one)).collect();
+    costed.sort_by(|a, b| a.0.total_cmp(&b.0));
+    costed.into_iter().map(|(_, one)| one).collect()
 }
 
 /// At most so many that are not alike beside the parameters of the best, each with those that are.
-fn grouped(
-    trial: &Trial<'_>,
-    search: &TermSearch<'_>,
-    mut tried: Vec<TriedTerm>,
-    most: usize,
-) -> Vec<TriedTerm> {
-    order(&mut tried);
+fn grouped(trial: &Trial<'_>, search: &TermSearch<'_>, tried: Vec<TriedTerm>, most: usize) -> Vec<TriedTerm> {
+    let tried = ordered(trial, search, tried);
     let Some(best) = tried.first() else { return tried };
     let direction = |search: &TermSearch<'_>, look: &Look<'_>, term: &Term| {
         search.raw(term).map(|raw| look.rest(raw)).unwrap_or_default()
@@ -263,16 +275,18 @@ fn by_chance(scores: &SearchScores, rate: f64) -> Option<f64> {
     Some(mean - EULER * scale - scale * (-(1.0 - rate).ln()).ln())
 }
 
-/// The same term where its threshold, its time constant and its hours explain most: halved steps along each
-/// in turn.
+/// The same term where its threshold, its time constant and its hours explain most: steps along the best of
+/// them, then halved ones.
 fn refined(search: &TermSearch<'_>, term: Term) -> Term {
     let share = |term: &Term| search.share(term).unwrap_or(0.0);
     let mut best = (term, share(&term));
     for part in [0.5, 0.25, 0.125] {
-        for neighbour in neighbours(search, &best.0, part) {
-            let share = share(&neighbour);
-            if share > best.1 {
-                best = (neighbour, share);
+        for _ in 0..STEPS {
+            let around = neighbours(search, &best.0, part);
+            let shares = around.par_iter().map(|term| (*term, share(term)));
+            match shares.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, share)| *share > best.1) {
+                Some(better) => best = better,
+                None => break,
             }
         }
     }

@@ -1,7 +1,7 @@
 //! A term as an effect's document and in words.
 
 use super::stock::{Stock, StockChannel};
-use super::term::{Factor, Form, Memory, Schedule, ScheduleDays, Term, TermSubject};
+use super::term::{Factor, Form, Memory, SOFT, Schedule, ScheduleDays, Term, TermSubject};
 use crate::data::{CALENDAR, Hold};
 use crate::model::Model;
 use crate::model::catalogue::Catalogue;
@@ -11,6 +11,8 @@ use crate::model::spec::{
 use crate::model::token::is_name;
 use crate::units::{Unit, error_unit};
 
+/// How the ids begin of effects that were proposed.
+pub const PROPOSED: &str = "proposed_";
 /// The effect of the catalogue whose definition of the sun is taken.
 const SUN_OF: &str = "solar_gain";
 /// How much larger and smaller than it was found a size may become.
@@ -30,9 +32,32 @@ pub(super) struct TermWriting<'a> {
 }
 
 impl TermWriting<'_> {
-    /// The effect that adds the term, as `POST /effects` takes it.
-    pub fn effect(&self) -> EffectSpec {
-        let id = self.id();
+    /// The effect that adds the term, as `POST /effects` takes it, and whether the catalogue has it already:
+    /// one that is the same but for its numbers serves other rooms as well. Where another effect has its name
+    /// it gets a number.
+    pub fn effect(&self) -> (EffectSpec, bool) {
+        let name = self.id();
+        let mut number = 1;
+        loop {
+            let id = if number == 1 { name.clone() } else { format!("{name}_{number}") };
+            let effect = self.called(id);
+            match self.catalogue.effects().find(|known| known.id == effect.id) {
+                None => return (effect, false),
+                Some(known) if !self.is_part(known) && is_same(known, &effect) => {
+                    return (known.clone(), true);
+                }
+                Some(_) => number += 1,
+            }
+        }
+    }
+
+    /// Whether the model has an effect already.
+    fn is_part(&self, effect: &EffectSpec) -> bool {
+        self.model.effects().contains(&effect.id)
+    }
+
+    /// The effect under a name.
+    fn called(&self, id: String) -> EffectSpec {
         let state = &self.model.states()[self.term.into];
         let mut effect = EffectSpec {
             title: format!("Proposed: {}", self.subject()),
@@ -83,10 +108,10 @@ impl TermWriting<'_> {
                 let Some(sun) = &self.stock.sun else { return "S".to_owned() };
                 ("S".to_owned(), sun, form)
             }
-            // A step of some tenths of a kelvin, that a search can follow.
             TermSubject::Warm(above) => {
                 let unit = error_unit(&into.unit);
-                return format!("(1 / (1 + exp(({above:.2}[{}] - {}) / 0.1[{unit}])))", into.unit, into.name);
+                let level = format!("{above:.2}[{}]", into.unit);
+                return format!("(1 / (1 + exp(({level} - {}) / {SOFT}[{unit}])))", into.name);
             }
             TermSubject::Hours(schedule) => return hours(effect, schedule),
         };
@@ -181,7 +206,7 @@ impl TermWriting<'_> {
         }
     }
 
-    /// `proposed_` and what it goes with.
+    /// [`PROPOSED`] and what it goes with.
     fn id(&self) -> String {
         let what = match self.term.subject {
             TermSubject::Channel(place, form) => {
@@ -218,7 +243,7 @@ impl TermWriting<'_> {
         let mut what: String = what.chars().take(30).collect();
         what.push_str(factor);
         what.push_str(memory);
-        format!("proposed_{what}")
+        format!("{PROPOSED}{what}")
     }
 
     /// What it is made of, as a short title.
@@ -276,6 +301,31 @@ impl TermWriting<'_> {
             _ => format!("{what}, in proportion to {subject}."),
         }
     }
+}
+
+/// Whether two effects are one term, and the first may take the numbers of the second.
+fn is_same(known: &EffectSpec, effect: &EffectSpec) -> bool {
+    let may_be = |(name, new): (&String, &ParameterSpec)| {
+        let there = |known: &ParameterSpec| match new.nominal {
+            Nominal::Value(value) => {
+                (known.lower..=known.upper).contains(&value)
+                    && known.unit == new.unit
+                    && known.scale == new.scale
+            }
+            _ => false,
+        };
+        known.parameters.get(name).is_some_and(there)
+    };
+    let states = |effect: &EffectSpec| -> Vec<(String, String)> {
+        effect.states.iter().map(|(name, state)| (name.clone(), state.unit.clone())).collect()
+    };
+    known.sign == effect.sign
+        && known.inputs == effect.inputs
+        && known.define == effect.define
+        && known.terms == effect.terms
+        && known.parameters.len() == effect.parameters.len()
+        && effect.parameters.iter().all(may_be)
+        && states(known) == states(effect)
 }
 
 /// Declares the clock; gives 1 at these hours and 0 at others.

@@ -35,6 +35,7 @@ use crate::fault::Fault;
 use crate::model::spec::EffectSpec;
 use crate::model::{Catalogue, Initial};
 use choose::TriedTerm;
+pub use document::PROPOSED;
 use document::TermWriting;
 use search::TermSearch;
 use serde::{Deserialize, Serialize};
@@ -80,6 +81,9 @@ pub struct Proposals {
 pub struct ProposedTerm {
     /// The id of the effect that adds it.
     pub effect: String,
+    /// Whether the service has that effect already: another room was found to lack the same, or it was taken
+    /// before. Its document has the numbers of then.
+    pub known: bool,
     /// What it does, for an operator.
     pub sentence: String,
     /// The state that it flows into, and the term.
@@ -164,10 +168,11 @@ pub fn propose_knowing(
     let of = |term, size| TermWriting { stock: &stock, catalogue, model: problem.model(), place, term, size };
     let proposal = |tried: &TriedTerm| {
         let writing = of(tried.term, tried.size);
-        let document = writing.effect();
+        let (document, known) = writing.effect();
         ProposedTerm {
             effect: document.id.clone(),
-            sentence: document.explain.clone(),
+            known,
+            sentence: writing.sentence(),
             equation: format!("{name}: {}", document.terms.get(name).cloned().unwrap_or_default()),
             size: tried.size,
             unit: writing.size_unit(),

@@ -10,11 +10,14 @@ pub(super) enum TermSubject {
     Channel(usize, Form),
     /// The sun.
     Sun(Form),
-    /// The measured state itself: 1 where it is above this.
+    /// The measured state itself: 1 where it is above this, softly.
     Warm(f64),
     /// The clock.
     Hours(Schedule),
 }
+
+/// Over so much of a state's unit what it switches comes and goes: a step that a search can follow.
+pub(super) const SOFT: f64 = 0.1;
 
 /// How a channel acts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -199,7 +202,7 @@ impl Term {
             TermSubject::Channel(place, form) => formed(&stock.channels[place], form),
             TermSubject::Sun(form) => formed(stock.sun.as_ref()?, form),
             TermSubject::Warm(least) => {
-                (warm.iter().map(|state| f64::from(*state > least)).collect(), Hold::ZeroOrder)
+                (warm.iter().map(|state| soft_step(state - least)).collect(), Hold::ZeroOrder)
             }
             TermSubject::Hours(schedule) => {
                 let (hours, days) = stock.clock.as_ref()?;
@@ -251,6 +254,11 @@ impl Term {
             }
         }
     }
+}
+
+/// 0 far below, 1 far above; 0 where it is not known.
+fn soft_step(above: f64) -> f64 {
+    if above.is_nan() { 0.0 } else { 1.0 / (1.0 + (-above / SOFT).exp()) }
 }
 
 /// From the values at samples to their means from each sample to the next.

@@ -1,5 +1,6 @@
 //! The search, its parts and its documents, on synthetic rooms.
 
+use super::document::TermWriting;
 use super::response::Responses;
 use super::search::TermSearch;
 use super::stock::Stock;
@@ -121,4 +122,34 @@ fn terms_are_what_they_say() {
     let hours = TermSubject::Hours(Schedule { from: 22.0, to: 6.0, days: ScheduleDays::All });
     let night = sum(&series(hours, Memory::None)) / grid.len() as f64;
     assert!((night - 1.0 / 3.0).abs() < 0.01, "{night}");
+}
+
+#[test]
+fn a_term_that_is_known_goes_under_its_name_with_other_numbers() {
+    let (window, problem, _, _) = fitted(67, &[]);
+    let (grid, _) = widen(&problem, &window, &site()).unwrap();
+    let stock = Stock::new(&problem, &grid);
+    let place = stock.channels.iter().position(|channel| channel.name == "P_heater").unwrap();
+    let written = |catalogue: &Catalogue, form: Form, size: f64| {
+        let subject = TermSubject::Channel(place, form);
+        let term = Term { subject, factor: Factor::One, memory: Memory::None, into: 0 };
+        let model = problem.model();
+        TermWriting { stock: &stock, catalogue, model, place: "room", term, size }.effect()
+    };
+    let mut catalogue = Catalogue::builtin().unwrap();
+    let (first, known) = written(&catalogue, Form::Above(0.5), 2.0);
+    assert_eq!((first.id.as_str(), known), ("proposed_P_heater_above", false));
+    catalogue.add_effect(first.clone());
+    assert_eq!(written(&catalogue, Form::Above(0.6), 3.0), (first.clone(), true));
+    // It cannot be so large, or cool: those are others.
+    for size in [25.0, -1.0] {
+        let (other, known) = written(&catalogue, Form::Above(0.6), size);
+        assert_eq!((other.id.as_str(), known), ("proposed_P_heater_above_2", false));
+        assert!(other.parameters.contains_key("c_proposed_P_heater_above_2"), "{other:?}");
+    }
+    // What it is switched by stands in the equation.
+    let (switched, _) = written(&catalogue, Form::On(0.5), 2.0);
+    catalogue.add_effect(switched.clone());
+    assert_eq!(written(&catalogue, Form::On(0.5), 1.5), (switched, true));
+    assert_eq!(written(&catalogue, Form::On(0.7), 1.5).0.id, "proposed_P_heater_on_2");
 }

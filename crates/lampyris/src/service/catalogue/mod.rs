@@ -1,6 +1,7 @@
 //! What users tell the service: documents and measurements, checked here and kept by the store.
 //!
-//! `models` takes models and effects into the `shared` catalogue that everybody reads. `system` is the
+//! `models` takes models and effects into the `shared` catalogue that everybody reads; `proposed` says from
+//! when on all systems are tried with what was proposed for one. `system` is the
 //! document of a room or a plant, `systems` keeps it. `windows` takes measurements in, in the `turns` of
 //! their system, and `lay` lays them over what counts; `samples` takes live ones, which stay `open` for a
 //! while (`kept_posts` counts them), and `forecasts` what is forecast of inputs. `layout` proposes rooms and
@@ -18,6 +19,7 @@ pub mod models;
 pub mod open;
 mod pattern;
 pub mod prometheus;
+pub mod proposed;
 pub mod samples;
 pub mod shared;
 pub mod system;

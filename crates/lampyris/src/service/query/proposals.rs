@@ -5,7 +5,7 @@ use crate::service::error::ServiceError;
 use crate::service::state::Service;
 use crate::service::work::interactive::RenderedAnswer;
 use lampyris_core::data::Window;
-use lampyris_core::diagnose::proposals::{Proposals, ProposalsAsked, propose};
+use lampyris_core::diagnose::proposals::{PROPOSED, Proposals, ProposalsAsked, propose};
 use lampyris_core::estimate::assess::replay::{Provenance, basis, window_of};
 use lampyris_core::estimate::problem::request::AccusationRate;
 use lampyris_core::estimate::{Replay, Site};
@@ -35,7 +35,11 @@ pub async fn of_fit(service: &Service, id: &str) -> Result<RenderedAnswer, Servi
     let record = subject::require(service, id).await?;
     let (_, end) = window_of(&record.fit).map_err(ServiceError::Faults)?;
     let rate = service.settings.diagnose.accusation_rate;
-    let key = subject::key(service, "proposals", &[&record], &rate.to_string()).await?;
+    // What is known already goes under its own name.
+    let catalogue = service.catalogue.current();
+    let known = catalogue.effects().map(|effect| effect.id.as_str()).filter(|id| id.starts_with(PROPOSED));
+    let asked = format!("{rate} {}", known.collect::<Vec<&str>>().join(" "));
+    let key = subject::key(service, "proposals", &[&record], &asked).await?;
     if let Some(answer) = service.interactive.known(&key) {
         return Ok(answer);
     }

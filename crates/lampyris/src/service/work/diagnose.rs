@@ -23,7 +23,7 @@ pub fn run(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<Jud
     let rate = input.request.accusation_rate;
     let (theta, earlier) = (finding.fit.theta(), &input.evidence);
     let diagnosis =
-        diagnose::diagnose(&input.catalogue, &problem, &theta, &window, &site, rate, earlier, control)
+        diagnose::diagnose(&input.tried, &problem, &theta, &window, &site, rate, earlier, control)
             .map_err(halted)?;
     Ok(JudgedFit { report: Some(Report::Diagnosis(Box::new(diagnosis))), ..finding })
 }
@@ -39,7 +39,7 @@ pub fn ladder(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         Criterion::HeldOut => diagnose::ladder::ladder,
         Criterion::Lrt => diagnose::nested::ladder_by_likelihood,
     };
-    let ladder = ladder(&input.catalogue, &problem, &finding.fit.theta(), &window, &site, STEPS, control)
+    let ladder = ladder(&input.tried, &problem, &finding.fit.theta(), &window, &site, STEPS, control)
         .map_err(halted)?;
     Ok(JudgedFit { report: Some(Report::Ladder(Box::new(ladder))), ..finding })
 }

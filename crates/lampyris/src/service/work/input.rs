@@ -1,5 +1,6 @@
 //! Collects what an estimate needs: measurements of the system and its neighbours, and what is served now.
 
+use crate::service::catalogue::proposed;
 use crate::service::catalogue::system::{Exclusion, SharedChannel, SystemDocument};
 use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
@@ -35,6 +36,8 @@ const OUTDOOR_TEMPERATURE: &str = "T_out";
 pub struct JobInput {
     /// Models and effects.
     pub catalogue: Arc<Catalogue>,
+    /// Those effects that a diagnosis tries.
+    pub tried: Arc<Catalogue>,
     /// The model to estimate.
     pub model: ModelId,
     /// What is asked.
@@ -75,12 +78,16 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, Servic
     // A fit is judged on the days before its own as well.
     let input = collect(service, &job.system, document, job.model.clone(), request, BEFORE.millis()).await?;
     let past = past(service, job, input.served.as_ref()).await?;
+    let tried = match job.kind {
+        JobKind::Diagnose | JobKind::Ladder => proposed::tried(service, &input.model).await?,
+        _ => input.tried.clone(),
+    };
     let evidence = match job.kind {
         JobKind::Diagnose => store::evidence::of(&service.store, &job.system, None, None).await?,
         _ => Vec::new(),
     };
     let siblings = siblings(service, job, &input).await?;
-    Ok(JobInput { past, siblings, evidence, posted: job.origin == Origin::Posted, ..input })
+    Ok(JobInput { tried, past, siblings, evidence, posted: job.origin == Origin::Posted, ..input })
 }
 
 /// What the other systems of a building serve, where an estimate shall learn from them.
@@ -152,8 +159,10 @@ pub async fn collect(
         )]));
     };
     let (from, to) = range(request.window.as_ref(), first, newest).map_err(ServiceError::Faults)?;
+    let catalogue = service.catalogue.current();
     Ok(JobInput {
-        catalogue: service.catalogue.current(),
+        tried: catalogue.clone(),
+        catalogue,
         model,
         measurements: measurements(service, name, &system, (from.saturating_sub(before), to)).await?,
         served: store::fits::served(&service.store, name).await?,
