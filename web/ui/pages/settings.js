@@ -96,6 +96,8 @@ export function Settings({ system, document, changed }) {
         <${Length} title="The controller looks ahead" value=${draft.policy.horizon} change=${text => policy({ horizon: text })} />
         <label class="inline"><input type="checkbox" checked=${draft.policy.refit_when_degraded}
           onChange=${event => policy({ refit_when_degraded: event.target.checked })} /> refit when new measurements contradict it</label>
+        <label class="inline"><input type="checkbox" checked=${draft.policy.forget_before_change}
+          onChange=${event => policy({ forget_before_change: event.target.checked })} /> forget what was before a parameter changed</label>
       </div>
       <div>
         <label>Latitude, north positive<input type="number" min="-90" max="90" step="any" value=${lat} required=${lon !== ''}

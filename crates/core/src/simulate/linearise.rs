@@ -128,8 +128,8 @@ impl<'a> Linearisation<'a> {
     }
 
     /// The steps of several stretches of samples, each along the trajectory that starts at its first one,
-    /// and each step in two parts: near enough for small changes. A stretch that leaves the numbers so, as far
-    /// away from where a model switches, is taken in as many as it needs.
+    /// and each step in two parts: near enough for small changes. A stretch that leaves the numbers so is
+    /// taken in as many as it needs.
     pub fn stretches<'s>(
         &self,
         stretches: impl Iterator<Item = (Range<usize>, &'s [f64])>,

@@ -2,12 +2,13 @@
 
 use super::database::Store;
 use super::error::StoreError;
+use super::job::{JobKind, Origin};
 use super::offers::waits;
 use super::packed::{compress, decompress};
 use super::page;
 use super::reach::SystemScope;
 use super::row::row;
-use super::statement::{query, query_as};
+use super::statement::{query, query_as, query_scalar};
 use super::value::{from_json, instant, parse, to_json};
 use indexmap::IndexMap;
 use jiff::Timestamp;
@@ -377,6 +378,23 @@ pub async fn changes_up_to(store: &Store, id: &str) -> Result<Vec<ParameterChang
         Ok::<_, StoreError>(from_json::<ListedFit>("what lists read", listed)?.changed)
     };
     rows.iter().filter_map(|row| read(row).transpose()).collect()
+}
+
+/// The change that the newest fit of a system has seen which nobody asked for: those of others do not look.
+///
+/// # Errors
+/// Where the database fails.
+pub async fn newest_change(store: &Store, system: &SystemId) -> Result<Option<ParameterChange>, StoreError> {
+    let sql = "SELECT f.listed FROM fits f JOIN jobs j ON j.id = f.job WHERE f.system = $1 \
+        AND f.listed IS NOT NULL AND j.kind = $2 AND j.origin <> $3 ORDER BY f.created_at DESC LIMIT 1";
+    let listed: Option<String> = query_scalar(sql)
+        .bind(system.to_string())
+        .bind(JobKind::Estimate.as_str())
+        .bind(Origin::Posted.as_str())
+        .fetch_optional(&store.reader)
+        .await?;
+    let read = |listed: &String| from_json::<ListedFit>("what lists read", listed);
+    Ok(listed.as_ref().map(read).transpose()?.and_then(|listed| listed.changed))
 }
 
 /// Fits found before a place in the order, newest first, of one system or of all: one page of a list.

@@ -77,3 +77,39 @@ fn the_first_scheduled_fit_that_sees_a_change_tells_it_once() {
     assert_eq!((&changed[0].data["system"], &changed[0].data["fit"]), (&json!("room/1"), &fits[0]));
     assert!(changed[0].data["sentence"].as_str().unwrap().starts_with("Since 2026-02-0"), "{changed:?}");
 }
+
+#[test]
+fn what_was_before_a_change_is_forgotten_where_the_policy_wants_it() {
+    let app = TestApp::at("2026-02-12T00:00:00Z", |_| {});
+    app.json("PUT", "/systems/room/1", &one_unknown()).expect(201);
+    app.csv("/systems/room/1/windows", &losing(0..42, 26, 0.25)).expect(201);
+    let night = |seed: u64| {
+        let request = json!({"method": {"name": "lm_multistart", "seed": seed}});
+        let schedule = json!({"cron": "30 2 * * *", "systems": ["room/*"], "request": request});
+        app.json("PUT", "/schedules/nightly", &schedule).expect(200);
+        let batch = app.post("/schedules/nightly/run").expect(202).json();
+        let job = app.ended(batch["jobs"][0]["job"].as_str().unwrap());
+        app.get(&format!("/fits/{}", job["fit"].as_str().unwrap())).expect(200).json()
+    };
+    let loss = |fit: &Value| fit["parameters"]["alpha_a"]["value"].as_f64().unwrap();
+    let forgets = |fit: &Value| fit["remarks"].to_string().contains("are forgotten");
+    let both = night(1);
+    assert_eq!(both["changed"]["parameter"], "alpha_a", "{}", both["changed"]);
+    assert!(!forgets(&both) && loss(&both) < 0.24, "{} 1/h", loss(&both));
+    let mut system = one_unknown();
+    system["policy"] = json!({"forget_before_change": true});
+    app.json("PUT", "/systems/room/1", &system).expect(200);
+    let mut misses = Vec::new();
+    // It sees the change still, and forgets night after night.
+    for seed in [2, 3] {
+        let newer = night(seed);
+        assert!(forgets(&newer), "{}", newer["remarks"]);
+        assert_eq!(newer["changed"]["parameter"], "alpha_a", "{}", newer["changed"]);
+        misses.push((loss(&newer) - 0.25).abs());
+    }
+    assert!(misses.iter().all(|miss| *miss < 0.01), "{misses:?} beside {}", (loss(&both) - 0.25).abs());
+    // Whoever asks gets what is asked for.
+    let job = app.ended(&app.estimate("room/1", json!({"method": {"name": "lm_multistart", "seed": 4}})));
+    let posted = app.get(&format!("/fits/{}", job["fit"].as_str().unwrap())).expect(200).json();
+    assert!(!forgets(&posted), "{}", posted["remarks"]);
+}

@@ -154,6 +154,9 @@ pub struct Policy {
     pub horizon: Duration,
     /// Whether a job is submitted as soon as newer measurements contradict what is served.
     pub refit_when_degraded: bool,
+    /// Whether fits that nobody asks for forget what was measured before a parameter changed, once five days
+    /// to learn from lie behind. The gate judges them as all others.
+    pub forget_before_change: bool,
     /// Rules of the gate that do not hold for this system, by name (`G8 excited`, or `G9` for all that begin
     /// so), each with the reason, which the log of deeds keeps. They flag a fit and do not stop it.
     #[serde(skip_serializing_if = "Waivers::is_empty")]
@@ -168,6 +171,7 @@ impl Default for Policy {
             stale_after: Duration::from_days(3),
             horizon: Duration::from_hours(6),
             refit_when_degraded: true,
+            forget_before_change: false,
             checks: Waivers::new(),
         }
     }

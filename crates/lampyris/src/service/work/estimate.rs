@@ -7,7 +7,7 @@ use crate::service::error::ServiceError;
 use crate::store::finish::JudgedFit;
 use crate::store::fits::PackedFit;
 use crate::store::jobs::JobFailure;
-use lampyris_core::data::Window;
+use lampyris_core::data::{Window, rfc3339};
 use lampyris_core::estimate::assess::degradation::{as_fitted, goes_on};
 use lampyris_core::estimate::assess::metrics::current_state;
 use lampyris_core::estimate::assess::regimes::with_worst_regime;
@@ -55,12 +55,13 @@ pub struct FirstFit {
 /// Where the data, the model or the search give no fit, or somebody stopped it.
 pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<FirstFit, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
-    let window = input.window().map_err(failed)?;
+    let window = input.fitted().map_err(failed)?;
+    let whole = input.window().map_err(failed)?;
     let problem = input.problem(&window).map_err(failed)?.with_brake(brake);
     let past = Past {
         // They are for comparing with what is served.
         days_before: input.served.as_ref().and_then(|_| {
-            days_before(&input.catalogue, &input.request, &window, &input.system.site(), &problem)
+            days_before(&input.catalogue, &input.request, &whole, &input.system.site(), &problem)
         }),
         next_door: input.weather_next_door().map_err(failed)?,
         ..input.past()
@@ -69,7 +70,8 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         .map_err(|error| stopped(&error))?;
     let fit =
         with_worst_regime(fit, &problem, &window).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
-    let fit = Fit { changed: changed(input, &window, &fit, brake), ..fit };
+    let mut fit = Fit { changed: changed(input, &whole, &fit, brake), ..fit };
+    fit.remarks.extend(input.forgotten.map(forgets));
     if !can_be_kept(&fit) {
         let detail = "errors or measures of the fit are no finite numbers: look at the measurements";
         return Err(Stopped::Failed(JobFailure {
@@ -80,7 +82,7 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
     }
     let policy = GatePolicy {
         horizon: input.system.policy.horizon,
-        excluded: input.system.excluded(),
+        excluded: input.excluded(),
         waived: input.system.policy.checks.clone(),
     };
     let mut judgement = validate(&problem, &fit, &past, &policy);
@@ -117,6 +119,11 @@ fn changed(input: &JobInput, window: &Window, fit: &Fit, brake: &Brake) -> Optio
             None
         }
     }
+}
+
+/// What a fit says that forgets what was before a change.
+fn forgets(since: i64) -> String {
+    format!("a parameter has changed: measurements from before {} are forgotten", rfc3339(since))
 }
 
 /// Whether the document of a fit can be read again: what is no finite number cannot be written.

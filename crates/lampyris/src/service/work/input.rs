@@ -26,6 +26,8 @@ use std::sync::Arc;
 const LOOK_BACK: SignedDuration = SignedDuration::from_hours(30 * 24);
 /// Most systems of a building that one learns from: more would tell little more.
 const MOST_SIBLINGS: i64 = 40;
+/// So many days to learn from are left at least where what was before a change is forgotten.
+const LEAST_DAYS: i64 = 5;
 /// The channel of a room that its neighbours see.
 const ROOM_TEMPERATURE: &str = "T_room";
 /// The channel of the weather that each of them may measure for itself.
@@ -55,6 +57,9 @@ pub struct JobInput {
     /// What earlier diagnoses of the system saw, beside any model; of jobs that do not diagnose nothing is
     /// collected.
     pub evidence: Vec<LedgerEntry>,
+    /// The instant from which on it is fitted, where a parameter has changed then and the policy wants to
+    /// forget what was before.
+    pub forgotten: Option<i64>,
     measurements: Measurements,
 }
 
@@ -87,7 +92,8 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, Servic
         _ => Vec::new(),
     };
     let siblings = siblings(service, job, &input).await?;
-    Ok(JobInput { tried, past, siblings, evidence, posted: job.origin == Origin::Posted, ..input })
+    let forgotten = forgotten(service, job, &input).await?;
+    Ok(JobInput { forgotten, tried, past, siblings, evidence, posted: job.origin == Origin::Posted, ..input })
 }
 
 /// What the other systems of a building serve, where an estimate shall learn from them.
@@ -105,6 +111,30 @@ async fn siblings(
     let found =
         store::fits::of_siblings(&service.store, &job.system, place, &input.model, MOST_SIBLINGS).await?;
     Ok(found.into_iter().map(|record| (record.system.to_string(), record.fit)).collect())
+}
+
+/// From when on the newest measurements are of another room than those before: the newest fit that nobody
+/// asked for has seen a parameter change, and enough days to learn from lie behind. `None` where the policy
+/// does not want to forget, or somebody asks.
+async fn forgotten(
+    service: &Service,
+    job: &JobRecord,
+    input: &JobInput,
+) -> Result<Option<i64>, ServiceError> {
+    let is_wanted = input.system.policy.forget_before_change;
+    if !is_wanted || job.kind != JobKind::Estimate || job.origin == Origin::Posted {
+        return Ok(None);
+    }
+    let seen = store::fits::newest_change(&service.store, &job.system).await?;
+    let extent = store::measured::extent(&service.store, &job.system).await?;
+    let split = &input.request.split;
+    let unseen = split.validation.millis() + split.test.map_or(0, |test| test.millis());
+    // By then it had changed, at 95 %.
+    let since = seen.and_then(|seen| read_time("", &seen.since_95[1]).ok());
+    Ok(since
+        .zip(extent)
+        .filter(|(since, (_, newest))| newest - unseen - since >= LEAST_DAYS * DAY)
+        .map(|(since, _)| since))
 }
 
 /// What is known of older parameters, and of newer measurements.
@@ -169,6 +199,7 @@ pub async fn collect(
         posted: false,
         past: Past::default(),
         siblings: Vec::new(),
+        forgotten: None,
         evidence: Vec::new(),
         request,
         system,
@@ -228,6 +259,16 @@ impl Measurements {
     /// # Errors
     /// Faults where there are none, or two windows do not fit together.
     pub fn window(&self, catalogue: &Catalogue, model: &ModelId) -> Result<Window, ServiceError> {
+        self.since(None, catalogue, model)
+    }
+
+    /// The same with outputs from an instant on.
+    fn since(
+        &self,
+        forgotten: Option<i64>,
+        catalogue: &Catalogue,
+        model: &ModelId,
+    ) -> Result<Window, ServiceError> {
         let mut windows = Vec::new();
         // What a system measures itself counts before what another one shares with it.
         for (channel, days) in &self.shared {
@@ -249,7 +290,9 @@ impl Measurements {
         if !own.is_empty() {
             windows.push(Window::from_series(own).map_err(ServiceError::Faults)?);
         }
-        self.without_exclusions(Window::stitch(&windows).map_err(ServiceError::Faults)?, catalogue, model)
+        let mut spans = excluded(&self.exclude);
+        spans.extend(forgotten.map(before));
+        without(&spans, Window::stitch(&windows).map_err(ServiceError::Faults)?, catalogue, model)
     }
 
     /// The ids of the uploaded windows that gave a sample to `joined`, which is [`Measurements::window`],
@@ -290,42 +333,40 @@ impl Measurements {
         }
         Ok(all)
     }
+}
 
-    /// Takes the measured outputs out of the stretches that are not to be trusted; inputs stay, so that the
-    /// simulation runs through.
-    fn without_exclusions(
-        &self,
-        window: Window,
-        catalogue: &Catalogue,
-        model: &ModelId,
-    ) -> Result<Window, ServiceError> {
-        if self.exclude.is_empty() {
-            return Ok(window);
-        }
-        let spans = excluded(&self.exclude);
-        let outputs = catalogue.compose(model).map_err(ServiceError::Faults)?.spec.outputs;
-        let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
-        let mut all = Vec::new();
-        for series in window.iter() {
-            if !outputs.contains_key(series.channel()) {
-                all.push(series.clone());
-                continue;
-            }
-            let kept: Vec<(i64, f64)> = series
-                .times()
-                .iter()
-                .copied()
-                .zip(series.values().iter().copied())
-                .filter(|(time, _)| trusted(*time))
-                .collect();
-            if !kept.is_empty() {
-                let (times, values) = kept.into_iter().unzip();
-                let one = Series::new(series.channel(), series.unit(), series.hold(), times, values);
-                all.push(one.map_err(|fault| ServiceError::Faults(vec![fault]))?);
-            }
-        }
-        Window::from_series(all).map_err(ServiceError::Faults)
+/// Takes the measured outputs out of stretches that are not to be trusted; inputs stay, so that the
+/// simulation runs through.
+fn without(
+    spans: &[(i64, i64)],
+    window: Window,
+    catalogue: &Catalogue,
+    model: &ModelId,
+) -> Result<Window, ServiceError> {
+    if spans.is_empty() {
+        return Ok(window);
     }
+    let outputs = catalogue.compose(model).map_err(ServiceError::Faults)?.spec.outputs;
+    let trusted = |time: i64| !spans.iter().any(|(from, to)| (*from..=*to).contains(&time));
+    let mut all = Vec::new();
+    for series in window.iter() {
+        if !outputs.contains_key(series.channel()) {
+            all.push(series.clone());
+            continue;
+        }
+        let kept: Vec<(i64, f64)> = series.samples().filter(|(time, _)| trusted(*time)).collect();
+        if !kept.is_empty() {
+            let (times, values) = kept.into_iter().unzip();
+            let one = Series::new(series.channel(), series.unit(), series.hold(), times, values);
+            all.push(one.map_err(|fault| ServiceError::Faults(vec![fault]))?);
+        }
+    }
+    Window::from_series(all).map_err(ServiceError::Faults)
+}
+
+/// All before an instant.
+fn before(instant: i64) -> (i64, i64) {
+    (i64::MIN, instant - 1)
 }
 
 impl JobInput {
@@ -335,6 +376,19 @@ impl JobInput {
     /// As [`Measurements::window`].
     pub fn window(&self) -> Result<Window, ServiceError> {
         self.measurements.window(&self.catalogue, &self.model)
+    }
+
+    /// What is fitted of it: all, or outputs from the instant on from which they are not forgotten.
+    ///
+    /// # Errors
+    /// As [`Measurements::window`].
+    pub fn fitted(&self) -> Result<Window, ServiceError> {
+        self.measurements.since(self.forgotten, &self.catalogue, &self.model)
+    }
+
+    /// The stretches of time that count for nothing, in milliseconds; both ends belong to them.
+    pub fn excluded(&self) -> Vec<(i64, i64)> {
+        self.system.excluded().into_iter().chain(self.forgotten.map(before)).collect()
     }
 
     /// The ids of the uploaded windows that gave a sample to `joined`, which is [`JobInput::window`], between
