@@ -56,7 +56,7 @@ pub struct FirstFit {
 pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<FirstFit, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
     let window = input.fitted().map_err(failed)?;
-    let whole = input.window().map_err(failed)?;
+    let whole = if input.forgotten.is_some() { input.window().map_err(failed)? } else { window.clone() };
     let problem = input.problem(&window).map_err(failed)?.with_brake(brake);
     let past = Past {
         // They are for comparing with what is served.
