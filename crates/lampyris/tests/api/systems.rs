@@ -142,7 +142,8 @@ fn every_field_of_a_document_is_kept_and_counts() {
         "label": "Corner office", "location": {"lat": 35.0, "lon": 130.0, "zone": "Asia/Tokyo"},
         "model": "rc2",
         "channels": {"T_room": "T_indoor"}, "neighbours": ["room/2"],
-        "policy": {"mode": "suggest", "stale_after": "P2D", "horizon": "PT12H", "refit_when_degraded": false},
+        "policy": {"mode": "suggest", "stale_after": "P2D", "horizon": "PT12H", "refit_when_degraded": false,
+            "forget_before_change": true},
         "prior": "log_normal",
         "tenant": "north-estate",
         "exclude": [{

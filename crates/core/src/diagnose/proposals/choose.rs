@@ -21,6 +21,8 @@ const KINDS_BESIDE: usize = 4;
 /// often at most.
 const REFINED: usize = 5;
 const ROUNDS: usize = 3;
+/// They go on while this share of the squares is left at most.
+const GAINS: f64 = 0.99;
 /// Directions that correlate so much are one thing.
 const ALIKE: f64 = 0.9;
 /// What explains less than this share of the squared error changes it by a fortieth.
@@ -40,7 +42,7 @@ const SIMPLER: f64 = 0.03;
 /// may take.
 const OTHER_LAGS: [f64; 3] = [0.7, 1.5, 3.0];
 /// Most steps of one length towards better numbers of a term.
-const STEPS: usize = 6;
+const STEPS: usize = 3;
 /// Euler's constant, for Gumbel's mean.
 const EULER: f64 = 0.577_215_664_901_532_9;
 
@@ -103,9 +105,10 @@ pub(super) fn choose(trial: &Trial<'_>, search: &TermSearch<'_>, null: &Look<'_>
             let mut best = one;
             for _ in 0..ROUNDS {
                 let better = beside(trial, search, &best.settled, |search, look| {
-                    tried(trial, search, look, &[refined(search, best.term)], false).pop()
+                    let finer = refined(search, best.term);
+                    if finer == best.term { None } else { tried(trial, search, look, &[finer], false).pop() }
                 });
-                let gains = |better: &TriedTerm| better.settled.squares < best.settled.squares;
+                let gains = |better: &TriedTerm| better.settled.squares < GAINS * best.settled.squares;
                 match better.flatten().filter(gains) {
                     Some(better) => best = TriedTerm { alike: best.alike, ..better },
                     None => break,

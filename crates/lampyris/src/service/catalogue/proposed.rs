@@ -10,9 +10,9 @@ use lampyris_core::model::{Catalogue, ModelId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// What was proposed for one system is tried in every other from so many systems on whose model has it: each
+/// What was proposed for one system is tried in all others as soon as so many have it in their models: each
 /// term more that is tried may be found by chance, and one room's habit is nobody else's.
-pub const ENOUGH_SYSTEMS: usize = 3;
+const ENOUGH_SYSTEMS: usize = 3;
 
 /// How many systems of a scope have an effect in their model, by the effect's id without its argument.
 ///
