@@ -19,10 +19,11 @@ use lampyris_core::diagnose::report::Finding;
 use lampyris_core::diagnose::surrogates::{Heard, Tests, is_driven};
 use lampyris_core::estimate::assess::metrics::{ahead, filter};
 use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
-use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
+use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
 use rayon::prelude::*;
 use rooms::{BELGIAN, ROOMS, Room};
+use std::fmt::Display;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -208,19 +209,38 @@ fn asked(part: Part) -> Result<EstimateRequest, Failure> {
     Ok(EstimateRequest { window: Some(range), split, ..EstimateRequest::default() })
 }
 
+/// A part of a room's record with the room's own model, which does not know what drives it.
+struct FittedPart {
+    catalogue: Catalogue,
+    site: Site,
+    problem: Problem,
+    fit: Fit,
+}
+
+impl FittedPart {
+    fn new(room: &Room, window: &Window, part: Part) -> Result<Self, Failure> {
+        let wrong = |error: &dyn Display| failed(room, part, error);
+        let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
+        let site = Site { location: Some(room.place), ..Site::default() };
+        let model: ModelId = room.model.parse().map_err(|error| wrong(&error))?;
+        let request = asked(part)?;
+        let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
+        let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?;
+        Ok(Self { catalogue, site, problem, fit })
+    }
+}
+
+/// What went wrong in a part of a room's record.
+fn failed(room: &Room, part: Part, error: &dyn Display) -> Failure {
+    Failure::Error(format!("{} from {}: {error}", room.name, rfc3339(part.from)))
+}
+
 fn judge(room: &Room, window: &Window, part: Part) -> Result<Judged, Failure> {
-    let wrong = |error: &dyn std::fmt::Display| {
-        Failure::Error(format!("{} from {}: {error}", room.name, rfc3339(part.from)))
-    };
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let site = Site { location: Some(room.place), ..Site::default() };
-    let model: ModelId = room.model.parse().map_err(|error| wrong(&error))?;
-    let request = asked(part)?;
-    let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
-    let theta = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?.theta();
+    let FittedPart { catalogue, site, problem, fit } = FittedPart::new(room, window, part)?;
+    let (model, theta) = (problem.model().id().clone(), fit.theta());
     let found =
         diagnose(&catalogue, &problem, &theta, window, &site, AccusationRate::USUAL, &[], &Control::NONE)
-            .map_err(|error| wrong(&error))?;
+            .map_err(|error| failed(room, part, &error))?;
     let group = |finding: &Finding| [vec![finding.named().to_owned()], finding.tied_with.clone()].concat();
     let first: Vec<String> = found.findings.first().map(group).unwrap_or_default();
     let holds =

@@ -374,10 +374,12 @@ pub async fn changes_up_to(store: &Store, id: &str) -> Result<Vec<ParameterChang
     if rows.first().is_none_or(|(first, _)| first != id) {
         return Ok(Vec::new());
     }
-    let read = |(_, listed): &(String, String)| {
-        Ok::<_, StoreError>(from_json::<ListedFit>("what lists read", listed)?.changed)
-    };
-    rows.iter().filter_map(|row| read(row).transpose()).collect()
+    rows.iter().filter_map(|(_, listed)| change_in(listed).transpose()).collect()
+}
+
+/// The change in what lists read of a fit.
+fn change_in(listed: &str) -> Result<Option<ParameterChange>, StoreError> {
+    Ok(from_json::<ListedFit>("what lists read", listed)?.changed)
 }
 
 /// The change that the newest fit of a system has seen which nobody asked for: those of others do not look.
@@ -393,8 +395,7 @@ pub async fn newest_change(store: &Store, system: &SystemId) -> Result<Option<Pa
         .bind(Origin::Posted.as_str())
         .fetch_optional(&store.reader)
         .await?;
-    let read = |listed: &String| from_json::<ListedFit>("what lists read", listed);
-    Ok(listed.as_ref().map(read).transpose()?.and_then(|listed| listed.changed))
+    listed.map_or(Ok(None), |listed| change_in(&listed))
 }
 
 /// Fits found before a place in the order, newest first, of one system or of all: one page of a list.

@@ -5,7 +5,7 @@ use super::super::options::Each;
 use super::super::row::Row;
 use super::super::verdicts::share;
 use super::rooms::Room;
-use super::{MeasuredRooms, Part, SHIFTS, asked, parts};
+use super::{FittedPart, MeasuredRooms, Part, SHIFTS, parts};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{DAY, Series, Window, is_computed, rfc3339};
 use lampyris_core::diagnose::library::{EffectSource, align};
@@ -13,9 +13,9 @@ use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::proposals::{ProposalsAsked, ProposedTerm, propose};
 use lampyris_core::diagnose::surrogates::Tests;
 use lampyris_core::estimate::problem::request::AccusationRate;
-use lampyris_core::estimate::{Control, Problem, Site, estimate, prepare};
+use lampyris_core::estimate::{Problem, Site};
+use lampyris_core::model::Catalogue;
 use lampyris_core::model::spec::InputSpec;
-use lampyris_core::model::{Catalogue, ModelId};
 use rayon::prelude::*;
 
 /// What is known to drive a room shows this clearly in a window where the catalogue has it.
@@ -66,16 +66,8 @@ pub fn run(asked: &Arguments) -> Result<Vec<Row>, Failure> {
 }
 
 fn judge(room: &Room, window: &Window, part: Part) -> Result<Option<Found>, Failure> {
-    let wrong =
-        |error: &dyn std::fmt::Display| Failure::Error(format!("{} from {}: {error}", room.name, part.from));
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let site = Site { location: Some(room.place), ..Site::default() };
-    let model: ModelId = room.model.parse().map_err(|error| wrong(&error))?;
-    let request = asked(part)?;
-    let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
-    let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?;
-    let problem = problem.with_substeps(fit.substeps);
-    let theta = fit.theta();
+    let FittedPart { catalogue, site, problem, fit } = FittedPart::new(room, window, part)?;
+    let (problem, theta) = (problem.with_substeps(fit.substeps), fit.theta());
     let Some(t) = shown(&catalogue, &problem, &theta, window, &site, room)? else { return Ok(None) };
     let within = window.slice(part.from, part.to()).map_err(|found| faults(&found))?;
     let proposals = |days: i64| -> Result<Vec<ProposedTerm>, Failure> {

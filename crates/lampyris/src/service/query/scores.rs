@@ -3,7 +3,6 @@
 use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
-use crate::service::work::input::excluded;
 use crate::service::work::interactive::RenderedAnswer;
 use crate::store;
 use crate::store::days::Days;
@@ -65,7 +64,7 @@ pub async fn answer(service: &Service, system: &SystemId) -> Result<RenderedAnsw
     let outputs: Vec<String> = outputs.into_iter().map(str::to_owned).collect();
     let span = span(&said);
     let days = store::measured::read(&service.store, system, span, Some(&outputs)).await?;
-    let excluded = excluded(exclude);
+    let excluded = document.excluded();
     let system = system.clone();
     let work = move |_: &_| {
         let scores = compare(system, &said, &days, &excluded)?;

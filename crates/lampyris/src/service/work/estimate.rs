@@ -56,12 +56,13 @@ pub struct FirstFit {
 pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<FirstFit, Stopped> {
     let failed = |error| Stopped::Failed(describe(error));
     let window = input.fitted().map_err(failed)?;
-    let whole = if input.forgotten.is_some() { input.window().map_err(failed)? } else { window.clone() };
+    let unforgotten = input.forgotten.map(|_| input.window()).transpose().map_err(failed)?;
+    let whole = unforgotten.as_ref().unwrap_or(&window);
     let problem = input.problem(&window).map_err(failed)?.with_brake(brake);
     let past = Past {
         // They are for comparing with what is served.
         days_before: input.served.as_ref().and_then(|_| {
-            days_before(&input.catalogue, &input.request, &whole, &input.system.site(), &problem)
+            days_before(&input.catalogue, &input.request, whole, &input.system.site(), &problem)
         }),
         next_door: input.weather_next_door().map_err(failed)?,
         ..input.past()
@@ -70,7 +71,7 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         .map_err(|error| stopped(&error))?;
     let fit =
         with_worst_regime(fit, &problem, &window).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
-    let mut fit = Fit { changed: changed(input, &whole, &fit, brake), ..fit };
+    let mut fit = Fit { changed: changed(input, whole, &fit, brake), ..fit };
     fit.remarks.extend(input.forgotten.map(forgets));
     if !can_be_kept(&fit) {
         let detail = "errors or measures of the fit are no finite numbers: look at the measurements";

@@ -1,7 +1,7 @@
 //! Collects what an estimate needs: measurements of the system and its neighbours, and what is served now.
 
 use crate::service::catalogue::proposed;
-use crate::service::catalogue::system::{Exclusion, SharedChannel, SystemDocument};
+use crate::service::catalogue::system::{SharedChannel, SystemDocument};
 use crate::service::catalogue::systems;
 use crate::service::error::ServiceError;
 use crate::service::state::Service;
@@ -69,7 +69,8 @@ pub struct Measurements {
     own: OwnedDays,
     neighbours: Vec<(SystemId, OwnedDays)>,
     shared: Vec<(SharedChannel, OwnedDays)>,
-    exclude: Vec<Exclusion>,
+    /// The stretches that are not to be trusted, in milliseconds; both ends belong to them.
+    excluded: Vec<(i64, i64)>,
 }
 
 /// Collects the input of a job.
@@ -125,16 +126,15 @@ async fn forgotten(
     if !is_wanted || job.kind != JobKind::Estimate || job.origin == Origin::Posted {
         return Ok(None);
     }
-    let seen = store::fits::newest_change(&service.store, &job.system).await?;
-    let extent = store::measured::extent(&service.store, &job.system).await?;
+    let Some(seen) = store::fits::newest_change(&service.store, &job.system).await? else { return Ok(None) };
+    let Some((_, newest)) = store::measured::extent(&service.store, &job.system).await? else {
+        return Ok(None);
+    };
     let split = &input.request.split;
     let unseen = split.validation.millis() + split.test.map_or(0, |test| test.millis());
     // By then it had changed, at 95 %.
-    let since = seen.and_then(|seen| read_time("", &seen.since_95[1]).ok());
-    Ok(since
-        .zip(extent)
-        .filter(|(since, (_, newest))| newest - unseen - since >= LEAST_DAYS * DAY)
-        .map(|(since, _)| since))
+    let since = read_time("", &seen.since_95[1]).ok();
+    Ok(since.filter(|since| newest - unseen - since >= LEAST_DAYS * DAY))
 }
 
 /// What is known of older parameters, and of newer measurements.
@@ -235,7 +235,7 @@ pub async fn measurements(
         own: store::measured::read_owned(&service.store, system, span, None).await?,
         neighbours,
         shared,
-        exclude: document.exclude.clone(),
+        excluded: document.excluded(),
     })
 }
 
@@ -290,7 +290,7 @@ impl Measurements {
         if !own.is_empty() {
             windows.push(Window::from_series(own).map_err(ServiceError::Faults)?);
         }
-        let mut spans = excluded(&self.exclude);
+        let mut spans = self.excluded.clone();
         spans.extend(forgotten.map(before));
         without(&spans, Window::stitch(&windows).map_err(ServiceError::Faults)?, catalogue, model)
     }
@@ -446,12 +446,6 @@ impl JobInput {
             levels: served.fit.levels.clone(),
         })
     }
-}
-
-/// The stretches that are not to be trusted, in milliseconds; both ends belong to them.
-pub fn excluded(exclude: &[Exclusion]) -> Vec<(i64, i64)> {
-    let span = |one: &Exclusion| Some((read_time("", &one.from).ok()?, read_time("", &one.to).ok()?));
-    exclude.iter().filter_map(span).collect()
 }
 
 /// The channel by which the models know the air temperature of a neighbour.
