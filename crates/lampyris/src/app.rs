@@ -162,6 +162,7 @@ impl App {
             catalogue: SharedCatalogue::load(&store, builtin).await?,
             board: ProgressBoard::default(),
             interactive: Interactive::new(threads(&settings)).map_err(AppError::Threads)?,
+            inquiries: Interactive::of_seconds(threads(&settings)).map_err(AppError::Threads)?,
             events: Events::new(boot, newest),
             tokens,
             metrics: Metrics::new(clock.now()),

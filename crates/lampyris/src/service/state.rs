@@ -35,6 +35,8 @@ pub struct Service {
     pub board: ProgressBoard,
     /// Short CPU work that somebody waits for.
     pub interactive: Interactive,
+    /// The same of seconds.
+    pub inquiries: Interactive,
     /// What happens to jobs.
     pub events: Events,
     /// Who may ask.

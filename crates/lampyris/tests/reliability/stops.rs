@@ -195,8 +195,12 @@ fn a_cancel_at_any_moment_is_heard_or_comes_too_late() {
 #[test]
 fn a_job_that_hears_nobody_is_given_up_and_the_next_one_runs() {
     let dir = tempfile::tempdir().unwrap();
+    // As long as this file is there, such a job hears nobody.
+    let deaf = dir.path().join("deaf");
+    std::fs::write(&deaf, "").unwrap();
     let environment = [
         ("LAMPYRIS_POISON", "room/deaf:deaf"),
+        ("LAMPYRIS_DEAF_WHILE", deaf.to_str().unwrap()),
         ("LAMPYRIS_WORKERS", "1"),
         ("LAMPYRIS_LIMITS_JOB_SECONDS", "1"),
     ];
@@ -225,6 +229,7 @@ fn a_job_that_hears_nobody_is_given_up_and_the_next_one_runs() {
     give_up();
     let stuck = client.get("/readyz").expect(503).json();
     assert_eq!((&stuck["queue"], abandoned().as_str()), (&json!("stuck"), "2"), "{stuck}");
+    std::fs::remove_file(&deaf).unwrap();
     let begun = Instant::now();
     while abandoned() != "0" {
         assert!(begun.elapsed() < PATIENCE, "the threads never come back");

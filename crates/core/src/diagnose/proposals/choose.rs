@@ -167,7 +167,7 @@ fn ordered(trial: &Trial<'_>, search: &TermSearch<'_>, tried: Vec<TriedTerm>) ->
         let (catalogue, model) = (trial.catalogue, trial.problem.model());
         let (stock, term, size) = (search.stock, one.term, one.size);
         let writing = TermWriting { stock, catalogue, model, place: "", term, size };
-        let choices = if writing.effect().1 { 0 } else { term.choices() };
+        let choices = if writing.effect(|_| false).1 { 0 } else { term.choices() };
         one.settled.squares * (1.0 + SIMPLER * choices as f64)
     };
     let mut costed: Vec<(f64, TriedTerm)> = tried.into_iter().map(|one| (cost(&one), one)).collect();

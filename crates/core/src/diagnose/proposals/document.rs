@@ -33,13 +33,17 @@ pub(super) struct TermWriting<'a> {
 
 impl TermWriting<'_> {
     /// The effect that adds the term, as `POST /effects` takes it, and whether the catalogue has it already:
-    /// one that is the same but for its numbers serves other rooms as well. Where another effect has its name
-    /// it gets a number.
-    pub fn effect(&self) -> (EffectSpec, bool) {
+    /// one that is the same but for its numbers serves other rooms as well. Where another effect has its
+    /// name, or another term of the same answer was given it, it gets a number.
+    pub fn effect(&self, is_given: impl Fn(&str) -> bool) -> (EffectSpec, bool) {
         let name = self.id();
         let mut number = 1;
         loop {
             let id = if number == 1 { name.clone() } else { format!("{name}_{number}") };
+            if is_given(&id) {
+                number += 1;
+                continue;
+            }
             let effect = self.called(id);
             match self.catalogue.effects().find(|known| known.id == effect.id) {
                 None => return (effect, false),

@@ -166,10 +166,11 @@ pub fn propose_knowing(
         .and_then(|composition| composition.spec.states.get(name))
         .map_or(name, |state| if state.title.is_empty() { name } else { state.title.as_str() });
     let of = |term, size| TermWriting { stock: &stock, catalogue, model: problem.model(), place, term, size };
-    let proposal = |tried: &TriedTerm| {
+    let mut proposals: Vec<ProposedTerm> = Vec::new();
+    for tried in &found.best {
         let writing = of(tried.term, tried.size);
-        let (document, known) = writing.effect();
-        ProposedTerm {
+        let (document, known) = writing.effect(|id| proposals.iter().any(|given| given.effect == id));
+        proposals.push(ProposedTerm {
             effect: document.id.clone(),
             known,
             sentence: writing.sentence(),
@@ -183,9 +184,8 @@ pub fn propose_knowing(
             or: tried.alike.iter().map(|term| of(*term, tried.size).subject()).collect(),
             toml: toml::to_string(&document).unwrap_or_default(),
             document,
-        }
-    };
-    let proposals: Vec<ProposedTerm> = found.best.iter().map(proposal).collect();
+        });
+    }
     let (tried, shifts) = (found.tried, found.shifts);
     let sentences = sentences(&proposals, tried, shifts);
     Ok((Proposals { sentences, tried, shifts, by_chance: found.by_chance, proposals }, common))

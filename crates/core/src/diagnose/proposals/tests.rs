@@ -130,12 +130,13 @@ fn a_term_that_is_known_goes_under_its_name_with_other_numbers() {
     let (grid, _) = widen(&problem, &window, &site()).unwrap();
     let stock = Stock::new(&problem, &grid);
     let place = stock.channels.iter().position(|channel| channel.name == "P_heater").unwrap();
-    let written = |catalogue: &Catalogue, form: Form, size: f64| {
+    let given_beside = |given: &str, catalogue: &Catalogue, form: Form, size: f64| {
         let subject = TermSubject::Channel(place, form);
         let term = Term { subject, factor: Factor::One, memory: Memory::None, into: 0 };
         let model = problem.model();
-        TermWriting { stock: &stock, catalogue, model, place: "room", term, size }.effect()
+        TermWriting { stock: &stock, catalogue, model, place: "room", term, size }.effect(|id| id == given)
     };
+    let written = |catalogue: &Catalogue, form: Form, size: f64| given_beside("", catalogue, form, size);
     let mut catalogue = Catalogue::builtin().unwrap();
     let (first, known) = written(&catalogue, Form::Above(0.5), 2.0);
     assert_eq!((first.id.as_str(), known), ("proposed_P_heater_above", false));
@@ -152,4 +153,7 @@ fn a_term_that_is_known_goes_under_its_name_with_other_numbers() {
     catalogue.add_effect(switched.clone());
     assert_eq!(written(&catalogue, Form::On(0.5), 1.5), (switched, true));
     assert_eq!(written(&catalogue, Form::On(0.7), 1.5).0.id, "proposed_P_heater_on_2");
+    // Nor is a name given twice in one answer.
+    let beside = given_beside("proposed_P_heater_on_2", &catalogue, Form::On(0.7), 1.5);
+    assert_eq!((beside.0.id.as_str(), beside.1), ("proposed_P_heater_on_3", false));
 }

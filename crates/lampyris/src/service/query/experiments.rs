@@ -95,7 +95,7 @@ pub async fn plans(
     let request: ExperimentRequest = decode(body).map_err(ServiceError::Faults)?;
     let forecast = request.forecast.clone().map(|window| given(window, "/forecast")).transpose()?;
     let forecast = forecast.as_ref().map(InputsToCome::given).unwrap_or_default();
-    rendered(service, system, &asked, None, move |in_force, subject, window, replay| {
+    rendered(service, &service.inquiries, system, &asked, None, move |in_force, subject, window, replay| {
         let (fit, catalogue) = (subject.fit(), subject.catalogue());
         let (model, found, learnt) =
             found(&request, &forecast, (fit, catalogue), window, replay).map_err(ServiceError::Faults)?;

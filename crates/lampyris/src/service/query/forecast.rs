@@ -6,7 +6,7 @@ use crate::service::decode::decode;
 use crate::service::error::ServiceError;
 use crate::service::serving::said::SaidForecast;
 use crate::service::state::Service;
-use crate::service::work::interactive::RenderedAnswer;
+use crate::service::work::interactive::{Interactive, RenderedAnswer};
 use crate::store::forecast_inputs::{self, KeptInput};
 use lampyris_core::data::{
     ColumnBindings, ColumnRole, Duration, SystemId, Window, WindowDocument, WindowParts,
@@ -186,16 +186,17 @@ async fn answer<T: Serialize>(
     until: Option<i64>,
     wanted: impl FnOnce(InForce, &Subject, &Window, &Replay) -> Result<T, ServiceError> + Send + 'static,
 ) -> Result<RenderedAnswer, ServiceError> {
-    rendered(service, system, asked, until, move |in_force, subject, window, replay| {
+    rendered(service, &service.interactive, system, asked, until, move |in_force, subject, window, replay| {
         chart::json(&wanted(in_force, subject, window, replay)?)
     })
     .await
 }
 
-/// Runs the fit behind the revision that is served, and what is wanted of it. `asked` names the question;
-/// `until` ends what is looked at.
+/// Runs the fit behind the revision that is served, and what is wanted of it, on these threads. `asked`
+/// names the question; `until` ends what is looked at.
 pub(super) async fn rendered<W>(
     service: &Service,
+    threads: &Interactive,
     system: &SystemId,
     asked: &str,
     until: Option<i64>,
@@ -206,7 +207,7 @@ where
 {
     let (number, record) = subject::in_force(service, system).await?;
     let key = subject::key(service, "ahead", &[&record], &format!("{number} {asked}")).await?;
-    if let Some(answer) = service.interactive.known(&key) {
+    if let Some(answer) = threads.known(&key) {
         return Ok(answer);
     }
     let newest = service.now().as_millisecond().saturating_add(LONGEST.millis());
@@ -218,7 +219,7 @@ where
         let replay = subject.replay(&window, Some(until), brake)?;
         wanted(in_force, &subject, &window, &replay)
     };
-    service.interactive.answer(&key, work).await
+    threads.answer(&key, work).await
 }
 
 /// The inputs that a request gives at a place of its body, read as a window is; all of them are forecasts.

@@ -40,7 +40,7 @@ pub async fn of_fit(service: &Service, id: &str) -> Result<RenderedAnswer, Servi
     let known = catalogue.effects().map(|effect| effect.id.as_str()).filter(|id| id.starts_with(PROPOSED));
     let asked = format!("{rate} {}", known.collect::<Vec<&str>>().join(" "));
     let key = subject::key(service, "proposals", &[&record], &asked).await?;
-    if let Some(answer) = service.interactive.known(&key) {
+    if let Some(answer) = service.inquiries.known(&key) {
         return Ok(answer);
     }
     let rate = AccusationRate::try_from(rate).map_err(ServiceError::Internal)?;
@@ -51,7 +51,7 @@ pub async fn of_fit(service: &Service, id: &str) -> Result<RenderedAnswer, Servi
         let system = subject.record().system.to_string();
         document(subject.catalogue(), &subject.named(&system), &replay, &window, rate)
     };
-    service.interactive.answer(&key, work).await
+    service.inquiries.answer(&key, work).await
 }
 
 /// The terms that a fit may be missing that was run again. This is work for the CPU pool.

@@ -2,7 +2,8 @@
 //!
 //! It has threads of its own that are less nice than those of the jobs. A job holds its pool until it ends,
 //! so a place at the head of the same pool would still mean waiting for a whole search; this way the work
-//! starts at once, and the system gives it the CPU before any job and after any handler.
+//! starts at once, and the system gives it the CPU before any job and after any handler. What takes seconds
+//! has threads of its own again, which leave the CPU to what takes a moment.
 //!
 //! Answers are kept by a key that names everything they depend on. Equal requests at the same time are
 //! computed once, and more of them than [`MOST_PENDING`] are refused instead of piled up.
@@ -22,13 +23,14 @@ use tokio::sync::watch;
 pub const MOST_PENDING: usize = 32;
 /// Most bytes of answers that are kept.
 const KEPT_BYTES: usize = 32 << 20;
-/// Between the handlers (0) and the jobs (19).
+/// Between the handlers (0) and the jobs (19): what takes a moment, and what takes seconds.
 const NICENESS: i32 = 10;
+const NICENESS_OF_SECONDS: i32 = 15;
 
 /// A rendered answer, shared by all who asked for it.
 pub type RenderedAnswer = Arc<[u8]>;
 
-/// The threads for short work, and the answers that were given.
+/// Threads for work that somebody waits for, and the answers that were given.
 #[derive(Debug)]
 pub struct Interactive {
     pool: ThreadPool,
@@ -74,17 +76,26 @@ enum Place {
 }
 
 impl Interactive {
-    /// So many threads for short work.
+    /// So many threads for what takes a moment.
     ///
     /// # Errors
     /// Where the system gives none.
     pub fn new(threads: usize) -> Result<Self, ThreadPoolBuildError> {
+        Self::nice(threads, "interactive", NICENESS)
+    }
+
+    /// So many threads for what takes seconds.
+    ///
+    /// # Errors
+    /// Where the system gives none.
+    pub fn of_seconds(threads: usize) -> Result<Self, ThreadPoolBuildError> {
+        Self::nice(threads, "inquiry", NICENESS_OF_SECONDS)
+    }
+
+    fn nice(threads: usize, name: &str, niceness: i32) -> Result<Self, ThreadPoolBuildError> {
         let kept = CachedAnswers { answers: IndexMap::new(), bytes: 0, most: KEPT_BYTES };
         let desk = Desk { pending: HashMap::new(), kept, computed: 0, asked: 0 };
-        Ok(Self {
-            pool: nice_pool(threads, "interactive".to_owned(), NICENESS)?,
-            desk: Arc::new(Mutex::new(desk)),
-        })
+        Ok(Self { pool: nice_pool(threads, name.to_owned(), niceness)?, desk: Arc::new(Mutex::new(desk)) })
     }
 
     /// The answer to a request that was answered before.

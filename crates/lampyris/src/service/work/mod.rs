@@ -7,8 +7,8 @@
 //! `membership` is the right of this process to work, which others can see; `renewal`
 //! keeps it.
 //!
-//! `interactive` is short work that somebody waits for: first in line, bounded, kept. `poison` is a hook for
-//! tests: jobs that go wrong on purpose.
+//! `interactive` is work of moments and of seconds that somebody waits for: first in line, bounded, kept.
+//! `poison` is a hook for tests: jobs that go wrong on purpose.
 
 pub mod board;
 pub mod diagnose;

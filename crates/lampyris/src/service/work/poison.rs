@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `panic` | its objective panics |
 //! | `stall` | its objective comes to no end before somebody interrupts it |
-//! | `deaf` | its objective hears nobody for 12 s |
+//! | `deaf` | its objective hears nobody while there is the file that `LAMPYRIS_DEAF_WHILE` names |
 //! | `abort` | it takes the process down, as a stack overflow or an allocation that is refused would |
 
 use lampyris_core::data::SystemId;
@@ -16,8 +16,8 @@ use std::collections::HashMap;
 use std::sync::LazyLock;
 use std::time::Duration;
 
-/// How long a deaf job hears nobody.
-const DEAF: Duration = Duration::from_secs(12);
+/// How long a job waits before it looks around again.
+const PAUSE: Duration = Duration::from_millis(10);
 
 static POISONED: LazyLock<HashMap<String, String>> = LazyLock::new(|| {
     let text = std::env::var("LAMPYRIS_POISON").unwrap_or_default();
@@ -35,10 +35,15 @@ pub fn strike(system: &SystemId, is_interrupted: impl Fn() -> bool) {
     match POISONED.get(&system.to_string()).map(String::as_str) {
         Some("panic") => panic!("the poison of {system}"),
         Some("abort") => std::process::abort(),
-        Some("deaf") => std::thread::sleep(DEAF),
+        Some("deaf") => {
+            let file = std::env::var("LAMPYRIS_DEAF_WHILE").unwrap_or_default();
+            while std::path::Path::new(&file).exists() {
+                std::thread::sleep(PAUSE);
+            }
+        }
         Some("stall") => {
             while !is_interrupted() {
-                std::thread::sleep(Duration::from_millis(10));
+                std::thread::sleep(PAUSE);
             }
         }
         _ => {}
