@@ -84,8 +84,9 @@ struct Executed {
     holds: Vec<bool>,
     /// Before and behind it.
     ties: Option<[Tie; 2]>,
-    /// Measured hours, and those outside the comfort bounds.
+    /// Measured hours, and those outside the comfort bounds; the same where nobody drives anything.
     hours: [usize; 2],
+    undriven: [usize; 2],
     expected_outside: f64,
 }
 
@@ -199,6 +200,7 @@ fn executed(
         holds: Vec::new(),
         ties: None,
         hours: [0; 2],
+        undriven: [0; 2],
         expected_outside: plan.comfort.hours_outside,
     };
     for (at, index) in after.along.iter().enumerate() {
@@ -216,19 +218,28 @@ fn executed(
         let right = [(a, b), (b, a)][case.right];
         out.ties = Some([tied(&before, right)?, tied(&after, right)?]);
     }
+    out.hours = comfortable(then, comfort)?;
+    out.undriven = comfortable(&problem(made, case.model, DAYS + DRIVEN)?, comfort)?;
+    Ok(out)
+}
+
+/// Measured hours of the driven days, and those outside the comfort bounds.
+fn comfortable(then: &Problem, comfort: &ComfortBounds) -> Result<[usize; 2], Failure> {
     let measured = then.measured();
     let (values, valid) = measured.first().ok_or_else(|| failed("a room without a temperature"))?;
+    let mut hours = [0; 2];
     for hour in 0..DRIVEN * 24 {
         let from = DAYS * PER_DAY + hour * PER_HOUR;
-        let seen: Vec<f64> = (from..from + PER_HOUR).filter(|k| valid[*k]).map(|k| values[k]).collect();
+        let seen: Vec<f64> =
+            (from..(from + PER_HOUR).min(values.len())).filter(|k| valid[*k]).map(|k| values[k]).collect();
         if seen.is_empty() {
             continue;
         }
         let mean = seen.iter().sum::<f64>() / seen.len() as f64;
-        out.hours[0] += 1;
-        out.hours[1] += usize::from(mean < comfort.range[0] || mean > comfort.range[1]);
+        hours[0] += 1;
+        hours[1] += usize::from(mean < comfort.range[0] || mean > comfort.range[1]);
     }
-    Ok(out)
+    Ok(hours)
 }
 
 /// The value that a parameter has in the twin: nothing of effects that it does not hide.
@@ -313,6 +324,8 @@ fn rows(seen: &[Seen]) -> Vec<Row> {
     let hours = sum(|one| one.hours[0] as f64).max(1.0);
     let outside = sum(|one| one.hours[1] as f64);
     rows.push(Row::new("hours within the comfort bounds", 1.0 - outside / hours, "-").at_least(0.99));
+    let undriven = sum(|one| one.undriven[1] as f64) / sum(|one| one.undriven[0] as f64).max(1.0);
+    rows.push(Row::new("the same if nobody had driven anything", 1.0 - undriven, "-"));
     rows.push(Row::new("the same as expected", 1.0 - sum(|one| one.expected_outside) / hours, "-"));
     rows
 }

@@ -18,6 +18,7 @@ mod judged;
 mod likelihood;
 mod load;
 mod missing_heat;
+mod nights;
 mod options;
 mod page;
 mod params;
@@ -103,6 +104,8 @@ enum Study {
     Load(load::Arguments),
     /// What a night of very many rooms costs on one machine, by how many there are.
     Fleet(fleet::Arguments),
+    /// What nights cost that begin at the served parameters, and what they lose, on synthetic rooms.
+    Nights(Worlds),
     /// What fresh parameters are worth to a controller, in money and comfort.
     Loop(control::Arguments),
     /// Chapter 6 of the thesis on a twin plant: what one evaluation takes, seven parameters, eleven unseen
@@ -137,6 +140,7 @@ impl Study {
             Self::Load(_) => ("load", None),
             Self::Fleet(asked) if asked.server.is_some() => ("fleet-server", None),
             Self::Fleet(_) => ("fleet", None),
+            Self::Nights(asked) => ("nights", Some(asked.first.seed)),
             Self::Loop(asked) => ("loop", Some(asked.first.seed)),
             Self::Plant(asked) => ("plant", Some(asked.first.seed)),
             Self::House(asked) => ("house", Some(asked.first.seed)),
@@ -183,6 +187,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
         Study::Load(asked) if asked.samples => samples::run(asked.seconds)?,
         Study::Load(asked) => load::run(asked)?,
         Study::Fleet(asked) => fleet::run(asked)?,
+        Study::Nights(asked) => nights::run(asked)?,
         Study::Loop(asked) => return control::run(asked, as_json),
         Study::House(asked) => {
             let (rows, document) = house::run(asked, as_json)?;

@@ -61,6 +61,7 @@ pub(super) fn report(
         objective: problem.objective().as_str().to_owned(),
         cost: found.cost,
         stopped_by: found.stop,
+        searched: Some(found.searched),
         seed: request.method.seed,
         evaluations: found.evaluations,
         trace: found.trace,

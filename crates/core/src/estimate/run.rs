@@ -1,6 +1,6 @@
 //! The loop around an optimiser: ask, simulate, tell, until something says stop; then the fit's report.
 
-use super::fit::Fit;
+use super::fit::{Fit, Searched};
 use super::likelihood;
 use super::problem::Problem;
 use super::report::report;
@@ -10,9 +10,10 @@ use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::problem::bounds::at_bound;
 use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::prior::Prior;
-use crate::estimate::problem::request::{EstimateRequest, StartFrom};
+use crate::estimate::problem::request::{EstimateRequest, SearchExtent, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
 use crate::estimate::search::drive::{SearchResult, drive, evaluate, polish};
+use crate::estimate::search::near::{Unconvincing, near};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
 use crate::optimise::{Candidate, Cost, Search};
@@ -42,19 +43,26 @@ pub fn estimate(
     if let Method::Ctsm(options) = &request.method.method {
         return likelihood::estimate(problem, request, options, &warm, control);
     }
-    let (problem, found) = match problem.prior() {
-        Prior::None | Prior::Siblings => (problem.clone(), search(problem, request, &warm, control)?),
-        // The prior's weight is the residual variance of the fit without it.
-        Prior::LogNormal => {
-            let free = search(&problem.without_prior(), request, &warm, control)?;
-            let problem = problem.with_prior_variance(free.cost);
-            let found = search(&problem, request, &warm, control)?;
-            let evaluations = found.evaluations + free.evaluations;
-            (problem, SearchResult { evaluations, ..found })
-        }
-        Prior::Known(_) => {
-            let free = search(&problem.without_prior(), request, &warm, control)?;
-            drawn(problem, free, control)?
+    let known = incumbent.filter(|_| {
+        request.search == SearchExtent::Local
+            && request.start_from == StartFrom::Current
+            && request.early_stopping.is_none()
+    });
+    let everywhere = |problem: &Problem| search(problem, request, &warm, control);
+    let (problem, found) = match known {
+        None => sought(problem, everywhere, control)?,
+        Some(incumbent) => {
+            let next_to_it = |problem: &Problem| near(problem, incumbent, control);
+            match sought(&incumbent.as_determined(problem), next_to_it, control) {
+                Ok(found) => found,
+                Err(Unconvincing::Error(error)) => return Err(error),
+                Err(Unconvincing::Because(why, spent)) => {
+                    let (problem, mut found) = sought(problem, everywhere, control)?;
+                    found.evaluations += spent;
+                    found.remarks.push(format!("everywhere was searched: {why}"));
+                    (problem, found)
+                }
+            }
         }
     };
     let watched = request.early_stopping.is_some_and(|rule| rule.validation);
@@ -69,7 +77,13 @@ pub fn estimate(
                 .to_owned(),
         );
     }
-    let (problem, non_identifiable) = fix_unidentifiable(problem, &mut found, &mut remarks, control)?;
+    let limits = known.filter(|_| found.searched == Searched::Local).map(|known| known.limits.as_slice());
+    let (problem, mut non_identifiable) =
+        fix_unidentifiable(problem, &mut found, limits.unwrap_or_default(), &mut remarks, control)?;
+    if let (Some(known), Searched::Local) = (known, found.searched) {
+        remarks.extend(known.undetermined_sentence());
+        non_identifiable.extend(known.undetermined.iter().cloned());
+    }
     let mut known = uncertainty(&problem, &found.theta);
     found.evaluations += known.evaluations;
     match problem.predictor() {
@@ -84,6 +98,26 @@ pub fn estimate(
     Ok(fit)
 }
 
+/// Searches, once more where a prior asks for it, and draws what was found to what is known beforehand.
+fn sought<E: From<EstimateError>>(
+    problem: &Problem,
+    search: impl Fn(&Problem) -> Result<SearchResult, E>,
+    control: &Control,
+) -> Result<(Problem, SearchResult), E> {
+    Ok(match problem.prior() {
+        Prior::None | Prior::Siblings => (problem.clone(), search(problem)?),
+        // The prior's weight is the residual variance of the fit without it.
+        Prior::LogNormal => {
+            let free = search(&problem.without_prior())?;
+            let problem = problem.with_prior_variance(free.cost);
+            let found = search(&problem)?;
+            let evaluations = found.evaluations + free.evaluations;
+            (problem, SearchResult { evaluations, ..found })
+        }
+        Prior::Known(_) => drawn(problem, search(&problem.without_prior())?, control)?,
+    })
+}
+
 /// The served parameters where they are wanted and known, and the nominal ones.
 fn warm_starts(
     problem: &Problem,
@@ -92,11 +126,7 @@ fn warm_starts(
 ) -> Vec<Candidate> {
     let mut starts = Vec::new();
     if let (StartFrom::Current, Some(incumbent)) = (request.start_from, incumbent) {
-        let mut theta = problem.nominal().to_vec();
-        for (value, parameter) in theta.iter_mut().zip(problem.model().parameters()) {
-            *value = incumbent.theta.get(&parameter.name).copied().unwrap_or(*value);
-        }
-        starts.push(problem.candidate(&theta));
+        starts.push(problem.candidate(&incumbent.on(problem)));
     } else {
         starts.push(problem.candidate(problem.nominal()));
     }
@@ -220,10 +250,12 @@ fn refine_starts(mut problem: Problem, mut found: SearchResult) -> (Problem, Sea
     (problem, found)
 }
 
-/// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it.
+/// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it. Of some it is
+/// known to be worse.
 fn fix_unidentifiable(
     problem: Problem,
     found: &mut SearchResult,
+    limits: &[String],
     remarks: &mut Vec<String>,
     control: &Control,
 ) -> Result<(Problem, Vec<String>), EstimateError> {
@@ -238,7 +270,7 @@ fn fix_unidentifiable(
         format!("{} sits on a bound of the search: the value is a limit, not an estimate", names.join(", "));
     // Only unseen data can say that a parameter is not needed.
     let unseen = problem.split().validation.clone();
-    if unseen.is_empty() {
+    if unseen.is_empty() || names.iter().all(|name| limits.contains(name)) {
         remarks.push(limit);
         return Ok((problem, Vec::new()));
     }

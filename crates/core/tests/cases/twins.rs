@@ -1,9 +1,10 @@
 //! Synthetic rooms with a known truth: what a fit finds, what the gate says, and that threads change nothing.
 
 use super::{fit, problem, request};
+use lampyris_core::estimate::fit::Searched;
 use lampyris_core::estimate::problem::objective::Objective;
 use lampyris_core::estimate::problem::prior::Prior;
-use lampyris_core::estimate::problem::request::EstimateRequest;
+use lampyris_core::estimate::problem::request::{EstimateRequest, SearchExtent};
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
     Control, EarlyStopping, GatePolicy, Incumbent, Past, Problem, Progress, Site, Stop, Verdict, estimate,
@@ -51,8 +52,7 @@ fn a_worse_fit_loses_to_the_incumbent_and_a_jump_waits_for_an_operator() {
     let asked = request("P10D", "P4D", "P0D", 23);
     let (_, problem) = room(421, 14, &asked);
     let good = fit(&problem, &asked);
-    let theta = good.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect();
-    let incumbent = Incumbent { model: problem.model().id().clone(), theta, levels: Default::default() };
+    let incumbent = Incumbent::of(&good).unwrap();
     let again = validate(&problem, &good, &Past::of(Some(incumbent.clone())), &GatePolicy::default());
     assert!(matches!(again.verdict, Verdict::Accepted(_)), "{}", again.summary);
     let mut worse = asked.clone();
@@ -70,6 +70,34 @@ fn a_worse_fit_loses_to_the_incumbent_and_a_jump_waits_for_an_operator() {
         judgement.summary
     );
     assert!(!judgement.failed().is_empty(), "{}", judgement.summary);
+}
+
+#[test]
+fn a_night_begins_at_what_is_served_and_looks_everywhere_where_that_disappoints() {
+    let asked = request("P10D", "P4D", "P0D", 26);
+    let (_, problem) = room(427, 14, &asked);
+    let good = fit(&problem, &asked);
+    assert_eq!(good.searched, Some(Searched::Global));
+    let nightly = EstimateRequest { search: SearchExtent::Local, ..asked };
+    let night =
+        |incumbent: &Incumbent| estimate(&problem, &nightly, Some(incumbent), &Control::NONE).unwrap();
+    let mut served = Incumbent::of(&good).unwrap();
+    served.theta.values_mut().for_each(|value| *value *= 1.03);
+    let found = night(&served);
+    assert_eq!(found.searched, Some(Searched::Local), "{:?}", found.remarks);
+    assert!(found.cost <= 1.001 * good.cost, "{} {}", found.cost, good.cost);
+    assert!(3 * found.evaluations < good.evaluations, "{} {}", found.evaluations, good.evaluations);
+    // What has promised more than there is was in another place.
+    served.errors.values_mut().for_each(|error| *error *= 0.8);
+    let found = night(&served);
+    assert_eq!(found.searched, Some(Searched::Global));
+    assert!(found.remarks.iter().any(|remark| remark.starts_with("everywhere was searched")), "{found:?}");
+    // What the data have not determined stays as it is, and is told again.
+    served.undetermined = vec!["alpha_e".to_owned()];
+    served.errors.values_mut().for_each(|error| *error *= 2.0);
+    let found = night(&served);
+    assert_eq!((found.searched, found.non_identifiable), (Some(Searched::Local), served.undetermined));
+    assert!(found.parameters["alpha_e"].fixed);
 }
 
 #[test]

@@ -52,6 +52,9 @@ pub use report::{
 
 /// Draws of the parameters, beside the estimates, over which a plan has to hold.
 const DRAWS: usize = 6;
+/// Weathers over which a plan has to keep the comfort bounds, the record willing: a front that comes once in
+/// two weeks has to be among them.
+const WEATHERS: usize = 14;
 /// The most of the time that a plan may be expected to spend outside the comfort bounds, for the worst draw.
 const OUTSIDE: f64 = 0.0025;
 /// Which quantile of the draws is promised: the best of many plans is one that the expected weather flatters.
@@ -103,9 +106,9 @@ pub fn experiment(
 ) -> Result<Experiment, Vec<Fault>> {
     let about = checked(problem, asked)?;
     let one = |fault| vec![fault];
-    let days: Vec<DaysToCome> = (0..=DRAWS)
+    let days: Vec<DaysToCome> = (0..WEATHERS)
         .map_while(|back| match DaysToCome::new(problem, noise, (asked.days, back), forecast) {
-            // The record need not have as many stretches of days as there are draws.
+            // The record need not have so many stretches of days.
             Err(_) if back > 0 => None,
             days => Some(days),
         })
@@ -209,13 +212,15 @@ impl<'a> Judges<'a> {
     }
 
     /// Where each draw goes under a plan, with weather of its own, and what that costs; the weather of the
-    /// last days counts for each in the cost as well. `None` where the model leaves the numbers.
+    /// last days counts for each in the cost as well, and so do weathers more than there are draws. `None`
+    /// where the model leaves the numbers.
     fn comfort(&self, driven: &[Problem]) -> Option<(Vec<DrivenCourse>, ComfortCost)> {
         let mut cost = ComfortCost { hours_outside: 0.0, worst_hours: 0.0, largest_excursion: 0.0 };
         let (mut courses, mut count) = (Vec::new(), 0.0);
-        for (one, (known, belief)) in self.draws.iter().enumerate() {
-            let own = one % self.days.len();
-            let mut places = vec![own, 0];
+        for one in 0..self.draws.len().max(self.days.len()) {
+            let (known, belief) = &self.draws[one % self.draws.len()];
+            let (own, is_first) = (one % self.days.len(), one < self.draws.len());
+            let mut places = if is_first { vec![own, 0] } else { vec![own] };
             places.dedup();
             for place in places {
                 let course = self.days[place].course(&driven[place], &known.theta, belief)?;
@@ -224,7 +229,7 @@ impl<'a> Judges<'a> {
                 cost.worst_hours = cost.worst_hours.max(hours);
                 cost.largest_excursion = cost.largest_excursion.max(farthest);
                 count += 1.0;
-                if place == own {
+                if is_first && place == own {
                     courses.push(course);
                 }
             }

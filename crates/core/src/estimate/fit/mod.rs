@@ -37,6 +37,16 @@ pub enum Stop {
     Target,
 }
 
+/// How widely was searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Searched {
+    /// From the parameters that were served to the optimum next to them.
+    Local,
+    /// Everywhere within the bounds.
+    Global,
+}
+
 /// One estimated or fixed parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Estimate {
@@ -174,6 +184,9 @@ pub struct Fit {
     pub cost: f64,
     /// Why the search ended.
     pub stopped_by: Stop,
+    /// How widely was searched; `None` in fits of versions that always searched everywhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub searched: Option<Searched>,
     /// The seed of the search.
     pub seed: u64,
     /// Single-candidate simulations, those of Jacobian columns included.

@@ -57,6 +57,27 @@ pub enum StartFrom {
     Nominal,
 }
 
+/// How widely is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SearchExtent {
+    /// Locally where nobody asked for the fit and parameters are served, but for one night in ten; globally
+    /// elsewhere.
+    #[default]
+    Usual,
+    /// From the served parameters to the optimum next to them, and globally only where that errs by more than
+    /// they did over their own days.
+    Local,
+    /// Everywhere within the bounds.
+    Global,
+}
+
+impl SearchExtent {
+    fn is_usual(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// How much may be spent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -179,6 +200,9 @@ pub struct EstimateRequest {
     pub fixed: IndexMap<String, f64>,
     /// Where the search starts.
     pub start_from: StartFrom,
+    /// How widely is searched.
+    #[serde(skip_serializing_if = "SearchExtent::is_usual")]
+    pub search: SearchExtent,
     /// How often a diagnosis may accuse where nothing is missing, other jobs do not: the share of such rooms
     /// in which segments of hours name an effect that a logged channel drives.
     #[serde(skip_serializing_if = "AccusationRate::is_usual")]

@@ -1,7 +1,7 @@
 //! The loop around an optimiser: ask, simulate, tell, until something says stop.
 
 use super::control::{Control, EstimateError, Progress};
-use crate::estimate::fit::{Stop, TracePoint};
+use crate::estimate::fit::{Searched, Stop, TracePoint};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::stop::{EarlyStopping, Watch};
 use crate::interrupt::Interrupt;
@@ -17,6 +17,7 @@ pub(in crate::estimate) struct SearchResult {
     pub place: Candidate,
     pub cost: f64,
     pub stop: Stop,
+    pub searched: Searched,
     pub evaluations: usize,
     pub trace: Vec<TracePoint>,
     /// The local runs, where the search keeps count of them.
@@ -53,6 +54,7 @@ pub(in crate::estimate) fn drive(
             place,
             cost,
             stop,
+            searched: Searched::Global,
             evaluations: 1,
             trace: Vec::new(),
             runs: Vec::new(),
@@ -123,7 +125,8 @@ pub(in crate::estimate) fn drive(
         .and_then(Watch::kept)
         .map_or_else(|| (best.clone(), cost), |(place, cost)| (Candidate(place), cost));
     let (theta, runs) = (problem.theta(&place), optimiser.runs());
-    Ok(SearchResult { theta, place, cost, stop, evaluations: progress.evaluations, trace, runs, remarks })
+    let (searched, evaluations) = (Searched::Global, progress.evaluations);
+    Ok(SearchResult { theta, place, cost, stop, searched, evaluations, trace, runs, remarks })
 }
 
 /// The answers to a question, from free runs.

@@ -1,10 +1,10 @@
 //! Rooms of which the measurements are what they should be: the gate lets their fits pass.
 
-use super::rooms::{incumbent, twin};
+use super::rooms::twin;
 use crate::{full, problem};
 use lampyris_core::data::SplitRequest;
 use lampyris_core::estimate::{
-    Control, EstimateRequest, GatePolicy, Judgement, Past, Site, Verdict, estimate, validate,
+    Control, EstimateRequest, GatePolicy, Incumbent, Judgement, Past, Site, Verdict, estimate, validate,
 };
 use lampyris_core::twin::{Level, WorldRequest, world};
 use rayon::prelude::*;
@@ -55,7 +55,7 @@ fn a_later_fit_of_the_same_room_is_served() {
                 let week = room.row(7);
                 let earlier = room.until(week);
                 let (before, _) = earlier.problems(&earlier.table).unwrap();
-                let served = incumbent(&before, &earlier.fitted(&before).unwrap());
+                let served = Incumbent::of(&earlier.fitted(&before).unwrap()).unwrap();
                 let (problem, days_before) = room.problems(&room.table).unwrap();
                 let past = Past { days_before, next_door: room.next_door.clone(), ..Past::of(Some(served)) };
                 (

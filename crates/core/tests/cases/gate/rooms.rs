@@ -70,13 +70,8 @@ impl Known {
 
     /// Its own fit as the one that is served.
     pub fn incumbent(&self) -> Incumbent {
-        incumbent(&self.problem, &self.fit)
+        Incumbent::of(&self.fit).unwrap()
     }
-}
-
-pub fn incumbent(problem: &Problem, fit: &Fit) -> Incumbent {
-    let theta = fit.parameters.iter().map(|(name, estimate)| (name.clone(), estimate.value)).collect();
-    Incumbent { model: problem.model().id().clone(), theta, levels: fit.levels.clone() }
 }
 
 /// A twin that hides nothing.

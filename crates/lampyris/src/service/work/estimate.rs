@@ -13,7 +13,7 @@ use lampyris_core::estimate::assess::metrics::current_state;
 use lampyris_core::estimate::assess::regimes::with_worst_regime;
 use lampyris_core::estimate::fit::parameter_change::ParameterChange;
 use lampyris_core::estimate::problem::predictor::Predictor;
-use lampyris_core::estimate::problem::request::days_before;
+use lampyris_core::estimate::problem::request::{SearchExtent, days_before};
 use lampyris_core::estimate::validate;
 use lampyris_core::estimate::{
     Control, EstimateError, Fit, GatePolicy, Interrupt, Past, Problem, Verdict, estimate,
@@ -67,12 +67,16 @@ pub fn fitted(input: &JobInput, control: &Control<'_>, brake: &Brake) -> Result<
         next_door: input.weather_next_door().map_err(failed)?,
         ..input.past()
     };
-    let fit = estimate(&problem, &input.request, past.incumbent.as_ref(), control)
-        .map_err(|error| stopped(&error))?;
+    let request = input.resolved();
+    let fit =
+        estimate(&problem, &request, past.incumbent.as_ref(), control).map_err(|error| stopped(&error))?;
     let fit =
         with_worst_regime(fit, &problem, &window).map_err(|fault| Stopped::Failed(invalid(vec![fault])))?;
     let mut fit = Fit { changed: changed(input, whole, &fit, brake), ..fit };
     fit.remarks.extend(input.forgotten.map(forgets));
+    if input.drawn && !input.posted && request.search == SearchExtent::Global {
+        fit.remarks.push("everywhere was searched, as on one night in ten".to_owned());
+    }
     if !can_be_kept(&fit) {
         let detail = "errors or measures of the fit are no finite numbers: look at the measurements";
         return Err(Stopped::Failed(JobFailure {

@@ -15,7 +15,7 @@ use lampyris_core::diagnose::ledger::LedgerEntry;
 use lampyris_core::estimate::gate::past::NextDoor;
 use lampyris_core::estimate::pooling::pooled;
 use lampyris_core::estimate::problem::prior::Prior;
-use lampyris_core::estimate::problem::request::{BEFORE, WindowRange};
+use lampyris_core::estimate::problem::request::{BEFORE, SearchExtent, WindowRange};
 use lampyris_core::estimate::{EstimateRequest, Fit, Incumbent, Past, Problem, Reference, prepare};
 use lampyris_core::fault::Fault;
 use lampyris_core::model::{Catalogue, ModelId};
@@ -28,6 +28,8 @@ const LOOK_BACK: SignedDuration = SignedDuration::from_hours(30 * 24);
 const MOST_SIBLINGS: i64 = 40;
 /// So many days to learn from are left at least where what was before a change is forgotten.
 const LEAST_DAYS: i64 = 5;
+/// One night in so many a system is searched everywhere.
+const NIGHTS: i64 = 10;
 /// The channel of a room that its neighbours see.
 const ROOM_TEMPERATURE: &str = "T_room";
 /// The channel of the weather that each of them may measure for itself.
@@ -50,6 +52,8 @@ pub struct JobInput {
     pub served: Option<FitRecord>,
     /// Whether somebody has asked for the job; the others come by themselves.
     pub posted: bool,
+    /// Whether this is a night on which a system is searched everywhere in any case.
+    pub drawn: bool,
     /// What a fit is judged beside, apart from what is served now.
     pub past: Past,
     /// What the other systems of its building serve, by name; only an estimate with such a prior asks.
@@ -94,7 +98,16 @@ pub async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, Servic
     };
     let siblings = siblings(service, job, &input).await?;
     let forgotten = forgotten(service, job, &input).await?;
-    Ok(JobInput { forgotten, tried, past, siblings, evidence, posted: job.origin == Origin::Posted, ..input })
+    let (posted, drawn) = (job.origin == Origin::Posted, is_drawn(&job.system, service.now()));
+    Ok(JobInput { forgotten, tried, past, siblings, evidence, posted, drawn, ..input })
+}
+
+/// Whether a system is searched everywhere in this night: each on its own one of ten, so that no night has
+/// many of them, and what a search next to the served parameters has missed is found soon.
+fn is_drawn(system: &SystemId, now: Timestamp) -> bool {
+    let night = now.as_millisecond().div_euclid(DAY);
+    let own = blake3::hash(system.to_string().as_bytes()).as_bytes()[0];
+    (night + i64::from(own)).rem_euclid(NIGHTS) == 0
 }
 
 /// What the other systems of a building serve, where an estimate shall learn from them.
@@ -197,6 +210,7 @@ pub async fn collect(
         measurements: measurements(service, name, &system, (from.saturating_sub(before), to)).await?,
         served: store::fits::served(&service.store, name).await?,
         posted: false,
+        drawn: false,
         past: Past::default(),
         siblings: Vec::new(),
         forgotten: None,
@@ -391,6 +405,16 @@ impl JobInput {
         self.system.excluded().into_iter().chain(self.forgotten.map(before)).collect()
     }
 
+    /// What is asked, with the search that is usual here.
+    pub fn resolved(&self) -> EstimateRequest {
+        let search = match self.request.search {
+            SearchExtent::Usual if self.posted || self.drawn => SearchExtent::Global,
+            SearchExtent::Usual => SearchExtent::Local,
+            named => named,
+        };
+        EstimateRequest { search, ..self.request.clone() }
+    }
+
     /// The ids of the uploaded windows that gave a sample to `joined`, which is [`JobInput::window`], between
     /// two instants.
     ///
@@ -434,17 +458,7 @@ impl JobInput {
 
     /// The parameters that are served now.
     fn incumbent(&self) -> Option<Incumbent> {
-        let served = self.served.as_ref()?;
-        Some(Incumbent {
-            model: served.fit.model.parse().ok()?,
-            theta: served
-                .fit
-                .parameters
-                .iter()
-                .map(|(name, estimate)| (name.clone(), estimate.value))
-                .collect(),
-            levels: served.fit.levels.clone(),
-        })
+        Incumbent::of(&self.served.as_ref()?.fit)
     }
 }
 

@@ -110,11 +110,8 @@ impl Base {
 
     fn incumbent(&self, theta: &[f64]) -> Option<Incumbent> {
         let names = self.problem.model().parameters().iter().map(|parameter| parameter.name.clone());
-        Some(Incumbent {
-            model: self.problem.model().id().clone(),
-            theta: names.zip(theta.iter().copied()).collect(),
-            levels: Default::default(),
-        })
+        let theta = names.zip(theta.iter().copied()).collect();
+        Some(Incumbent::bare(self.problem.model().id().clone(), theta))
     }
 
     /// The good parameters with some of them changed.

@@ -182,7 +182,7 @@ fn measured(channels: &[&str], change: impl Fn(&str, usize, f64) -> Option<f64>)
 fn served(changed: &[(&str, f64)]) -> Option<Incumbent> {
     let mut theta: indexmap::IndexMap<String, f64> = RECORD.truth.iter().cloned().collect();
     theta.extend(changed.iter().map(|(name, value)| ((*name).to_owned(), *value)));
-    Some(Incumbent { model: MODEL.parse().unwrap(), theta, levels: Default::default() })
+    Some(Incumbent::bare(MODEL.parse().unwrap(), theta))
 }
 
 fn not_a_number(seed: u64) -> Made {
