@@ -169,7 +169,7 @@ impl<'a, const W: usize> Block<'a, W> {
                 self.clocks[lane] = LaneClock::IDLE;
                 match &self.simulator.warm_up {
                     Some(warm_up) => {
-                        warm_up.drive.load_lane(&mut self.file, lane, 0);
+                        warm_up.drive.load_lane(&mut self.file, lane, 0, 0);
                         self.clocks[lane].begin(None, warm_up.hours, true);
                     }
                     None => self.arrive(lane, 0),
@@ -192,7 +192,7 @@ impl<'a, const W: usize> Block<'a, W> {
                 return self.leave(lane, true);
             }
             if k + 1 < self.until && simulator.known[k] {
-                simulator.drive.load_lane(&mut self.file, lane, k);
+                simulator.drive.load_lane(&mut self.file, lane, k, 0);
                 let before = self.clocks[lane].sample;
                 let same = before.is_some_and(|before| before + 1 == k && simulator.drive.same(before, k));
                 return self.clocks[lane].begin(Some(k), simulator.step_hours, !same);

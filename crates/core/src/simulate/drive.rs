@@ -327,11 +327,7 @@ impl Drive {
     pub fn load<const W: usize>(&self, file: &mut LaneFile<W>, k: usize, step: usize) {
         let start = (k * self.steps + step) * self.width;
         file.share(&self.rows[start..start + self.width]);
-        file.delay(|index, hours| {
-            let past = &self.delayed[index];
-            let now = k as f64 + (step as f64 + past.offset) / self.steps as f64;
-            past.at(now - hours / self.sample_hours)
-        });
+        file.delay(|index, hours| self.past(index, hours, k, step));
     }
 }
 
@@ -342,10 +338,19 @@ impl Drive {
         row(a) == row(b)
     }
 
-    /// Loads the inputs at the start of an interval into one lane; nothing of them is delayed.
-    pub fn load_lane<const W: usize>(&self, file: &mut LaneFile<W>, lane: usize, k: usize) {
-        let start = k * self.steps * self.width;
+    /// Loads the inputs of a step into one lane.
+    pub fn load_lane<const W: usize>(&self, file: &mut LaneFile<W>, lane: usize, k: usize, step: usize) {
+        let start = (k * self.steps + step) * self.width;
         file.share_lane(lane, &self.rows[start..start + self.width]);
+        file.delay_lane(lane, |index, hours| self.past(index, hours, k, step));
+    }
+
+    /// What a delayed input of a step was so many hours ago.
+    #[inline(always)]
+    fn past(&self, index: usize, hours: f64, k: usize, step: usize) -> f64 {
+        let past = &self.delayed[index];
+        let now = k as f64 + (step as f64 + past.offset) / self.steps as f64;
+        past.at(now - hours / self.sample_hours)
     }
 
     /// Loads the inputs of a step into the registers of the tape that the drive was made for.

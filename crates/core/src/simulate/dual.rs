@@ -7,40 +7,45 @@
 use crate::model::expr::{Binary, Unary};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// A number, with or without slopes.
-pub trait Scalar:
-    Copy
-    + PartialEq
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Mul<Output = Self>
-    + Div<Output = Self>
-    + Neg<Output = Self>
-{
+/// What sums and products are made of: a number, with or without slopes, or one for each lane.
+pub trait Entry: Copy + Add<Output = Self> + Mul<Output = Self> {
     /// A number that depends on nothing.
     fn constant(value: f64) -> Self;
-    /// The number alone.
-    fn value(self) -> f64;
     /// This number times one that depends on nothing.
     fn scaled(self, factor: f64) -> Self;
+    /// Its largest absolute value, which is no number where one of them is none.
+    fn magnitude(self) -> f64;
+}
+
+/// A number, with or without slopes.
+pub trait Scalar: Entry + PartialEq + Sub<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
+    /// The number alone.
+    fn value(self) -> f64;
     /// The value of a function of two numbers, with its slopes there.
     fn chain(a: Self, b: Self, value: f64, by_a: f64, by_b: f64) -> Self;
 }
 
-impl Scalar for f64 {
+impl Entry for f64 {
     #[inline(always)]
     fn constant(value: f64) -> Self {
         value
     }
 
     #[inline(always)]
-    fn value(self) -> f64 {
-        self
+    fn scaled(self, factor: f64) -> Self {
+        self * factor
     }
 
     #[inline(always)]
-    fn scaled(self, factor: f64) -> Self {
-        self * factor
+    fn magnitude(self) -> f64 {
+        self.abs()
+    }
+}
+
+impl Scalar for f64 {
+    #[inline(always)]
+    fn value(self) -> f64 {
+        self
     }
 
     #[inline(always)]
@@ -79,20 +84,27 @@ impl<const W: usize> Dual<W> {
     }
 }
 
-impl<const W: usize> Scalar for Dual<W> {
+impl<const W: usize> Entry for Dual<W> {
     #[inline(always)]
     fn constant(value: f64) -> Self {
         Self { value, slopes: [0.0; W] }
     }
 
     #[inline(always)]
-    fn value(self) -> f64 {
-        self.value
+    fn scaled(self, factor: f64) -> Self {
+        Self::with(self.value * factor, |lane| self.slopes[lane] * factor)
     }
 
     #[inline(always)]
-    fn scaled(self, factor: f64) -> Self {
-        Self::with(self.value * factor, |lane| self.slopes[lane] * factor)
+    fn magnitude(self) -> f64 {
+        self.value.abs()
+    }
+}
+
+impl<const W: usize> Scalar for Dual<W> {
+    #[inline(always)]
+    fn value(self) -> f64 {
+        self.value
     }
 
     #[inline(always)]

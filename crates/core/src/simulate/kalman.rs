@@ -3,27 +3,20 @@
 //! Extended form: the mean goes through the model's own stepper, the covariance through the linearised model
 //! (`transition`), so that the filter is exact for linear models. Behind a gap in the inputs it starts again.
 
-use super::drive::{Drive, Inputs};
-use super::lanes::{LANES, LaneFile};
-use super::stepper::linear_tape;
+use super::drive::Inputs;
+use super::lanes::{LANES, Lane, LaneFile};
 use super::trajectory::{MeasuredOutput, Simulator};
-use super::transition::{Transition, propagate};
-use crate::interrupt::{Brake, Meter};
-use crate::model::tape::Tape;
-use crate::model::{Initial, Model};
+pub use super::walk::Noise;
+use super::walk::{FilterModel, Walk};
+use crate::interrupt::Meter;
+use crate::model::Model;
 use rayon::prelude::*;
 
-/// Prior variance of a state that no sensor measures, in the square of its unit (models: 4 K2).
-pub(super) const HIDDEN_VARIANCE: f64 = 4.0;
-
-/// The noise that a filter assumes.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Noise {
-    /// Process noise: a standard deviation per square root of an hour for every state.
-    pub process: Vec<f64>,
-    /// Measurement variance per output.
-    pub measurement: Vec<f64>,
-}
+/// Noises that are tried side by side, and how often: the second time between the neighbours of the best.
+const TRIED: usize = 8;
+const ROUNDS: usize = 2;
+/// Where the likeliest process noise is sought, in the unit of a state per square root of an hour.
+const PROCESS_NOISE: [f64; 2] = [1e-3, 3.0];
 
 /// What the filter found.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,29 +37,7 @@ pub struct Filtered {
 
 /// A Kalman filter for one model on one window.
 #[derive(Debug, Clone)]
-pub struct Kalman<'a> {
-    simulator: &'a Simulator,
-    linear: Tape,
-    linear_drive: Drive,
-    initial: Vec<Initial>,
-    measured: Vec<MeasuredOutput<'a>>,
-    pub(super) known: Vec<bool>,
-}
-
-/// A filter on its way: mean and covariance by rows, and what it works with.
-pub(super) struct Walk<'a> {
-    pub(super) x: Vec<f64>,
-    pub(super) p: Vec<f64>,
-    /// Variances of the process noise per hour.
-    q: Vec<f64>,
-    jacobian: Vec<f64>,
-    /// The last sub-step with its Jacobian, kept while that stays the same.
-    step: Option<(Vec<f64>, Transition<f64>)>,
-    scratch: Vec<f64>,
-    file: LaneFile<'a, 1>,
-    linear: LaneFile<'a, 1>,
-    meter: Meter<'a>,
-}
+pub struct Kalman<'a>(pub(super) FilterModel<'a>);
 
 impl<'a> Kalman<'a> {
     /// A filter for the model that `simulator` was made from.
@@ -76,209 +47,115 @@ impl<'a> Kalman<'a> {
         inputs: &Inputs,
         measured: &[MeasuredOutput<'a>],
     ) -> Self {
-        let linear = linear_tape(model);
-        let (_, _, substeps, _) = simulator.step_parts();
-        Self {
-            linear_drive: Drive::new(&linear, inputs, substeps),
-            linear,
-            simulator,
-            initial: model.states().iter().map(|state| state.initial).collect(),
-            measured: measured.to_vec(),
-            known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
-        }
+        Self(FilterModel::new(model, simulator, inputs, measured))
     }
 
     /// The last of samples `0..until` that the inputs lead to. An output may be ahead of an input, such as
     /// the weather, and what is hidden is not thrown away for that.
     pub fn reached(&self, until: usize) -> usize {
-        (1..until.min(self.known.len())).rev().find(|k| self.known[k - 1]).unwrap_or(0)
+        let known = &self.0.known;
+        (1..until.min(known.len())).rev().find(|k| known[k - 1]).unwrap_or(0)
     }
 
     /// Filters samples `0..until`.
     pub fn filter(&self, theta: &[f64], noise: &Noise, until: usize) -> Filtered {
-        let n = self.initial.len();
-        let reached = self.reached(until);
+        let outputs = self.0.measured.len();
         let mut found = Filtered {
             states: Vec::with_capacity(until),
             deviations: Vec::with_capacity(until),
-            innovations: vec![Vec::with_capacity(until); self.measured.len()],
+            innovations: vec![Vec::with_capacity(until); outputs],
             log_likelihood: 0.0,
             covariance: Vec::new(),
-            reached,
+            reached: self.reached(until),
         };
-        let mut walk = self.walk(theta, noise);
-        for k in 0..until.min(self.known.len()) {
-            let started = k == 0 || !self.known[k - 1];
-            if started && k <= reached {
-                self.start(k, theta, noise, &mut walk);
-            } else if !started {
-                self.advance(k - 1, &mut walk);
+        let mut walk = self.0.walk::<1>(&[theta], std::slice::from_ref(noise));
+        let mut likelihood = [0.0];
+        self.pass(until, &mut walk, &mut likelihood, |walk, innovations| {
+            let n = walk.x.len();
+            for (series, innovation) in found.innovations.iter_mut().zip(innovations) {
+                series.push(innovation.map(|innovation| innovation.0[0]));
             }
-            for output in 0..self.measured.len() {
-                let innovation = self.update(output, k, started, noise, &mut walk, &mut found.log_likelihood);
-                found.innovations[output].push(innovation);
-            }
-            found.states.push(walk.x.clone());
-            found.deviations.push((0..n).map(|i| walk.p[i * n + i].max(0.0).sqrt()).collect());
-        }
-        found.covariance = walk.p;
+            found.states.push(walk.x.iter().map(|lanes| lanes.0[0]).collect());
+            found.deviations.push((0..n).map(|i| walk.p[i * n + i].0[0].max(0.0).sqrt()).collect());
+        });
+        found.log_likelihood = likelihood[0];
+        found.covariance = walk.p.iter().map(|lanes| lanes.0[0]).collect();
         found
     }
 
-    /// A filter that has not begun.
-    pub(super) fn walk<'b>(&'b self, theta: &[f64], noise: &Noise) -> Walk<'b> {
-        let n = self.initial.len();
-        let (step_tape, _, _, hours) = self.simulator.step_parts();
-        let mut file = LaneFile::<1>::new(step_tape);
-        file.load(&[theta], hours);
-        let mut linear = LaneFile::<1>::new(&self.linear);
-        linear.load(&[theta], hours);
-        Walk {
-            x: vec![0.0; n],
-            p: vec![0.0; n * n],
-            q: noise.process.iter().map(|sigma| sigma * sigma).collect(),
-            jacobian: vec![0.0; n * n],
-            step: None,
-            scratch: vec![0.0; n * n],
-            file,
-            linear,
-            meter: Meter::new(&self.simulator.brake),
-        }
-    }
-
-    /// Takes mean and covariance from sample `k` to the next one, as long as nothing is measured.
-    pub(super) fn advance(&self, k: usize, walk: &mut Walk<'_>) {
-        let n = self.initial.len();
-        let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
-        // The covariance takes two products of matrices in a sub-step.
-        let work = 2 * n.pow(3) + self.linear.step.len() + step_tape.step.len();
-        for step in 0..substeps {
-            walk.meter.add(work);
-            self.linearise(walk, k, step);
-            (0..n * n).for_each(|place| walk.jacobian[place] = walk.linear.root(place)[0]);
-            for state in 0..n {
-                walk.file.state(state)[0] = walk.x[state];
-            }
-            drive.load(&mut walk.file, k, step);
-            walk.file.step();
-            for state in 0..n {
-                walk.x[state] = walk.file.root(state)[0];
-            }
-            walk.spread(hours, &self.simulator.brake);
-        }
-    }
-
-    /// An output at sample `k` by the states as they are, and its variance by theirs.
-    pub(super) fn output(&self, output: usize, k: usize, walk: &mut Walk<'_>) -> (f64, f64) {
-        self.linearise(walk, k, 0);
-        let n = self.initial.len();
-        let first = n * n + output * (n + 1);
-        let slope = |i: usize| walk.linear.root(first + 1 + i)[0];
-        let variance: f64 = (0..n * n).map(|place| slope(place / n) * walk.p[place] * slope(place % n)).sum();
-        (walk.linear.root(first)[0], variance)
-    }
-
-    /// State and covariance where the filter starts: measured states at their measurement, hidden ones at
-    /// their parameter or, behind a gap, where they were.
-    fn start(&self, k: usize, theta: &[f64], noise: &Noise, walk: &mut Walk<'_>) {
-        let Walk { x, p, .. } = walk;
-        let n = x.len();
-        p.fill(0.0);
-        for (state, initial) in self.initial.iter().enumerate() {
-            match initial {
-                Initial::Measured(output) => {
-                    x[state] = self.simulator.measured_start_at(*output, k).unwrap_or(x[state]);
-                    p[state * n + state] = noise.measurement[*output];
-                }
-                Initial::Parameter(parameter) => {
-                    if k == 0 {
-                        x[state] = theta[*parameter];
-                    }
-                    p[state * n + state] = HIDDEN_VARIANCE;
-                }
-                // What starts at a known value is known; behind a gap it goes on from where it was.
-                Initial::Fixed(value) => {
-                    if k == 0 {
-                        x[state] = *value;
-                    }
-                }
-            }
-        }
-    }
-
-    fn linearise(&self, walk: &mut Walk<'_>, k: usize, step: usize) {
-        for (state, value) in walk.x.iter().enumerate() {
-            walk.linear.state(state)[0] = *value;
-        }
-        self.linear_drive.load(&mut walk.linear, k, step);
-        walk.linear.step();
-    }
-
-    /// Updates state and covariance with one output; the innovation counts unless the filter just started
-    /// from this very measurement.
-    pub(super) fn update(
+    /// Takes a filter through samples `0..until`, sums up the log-likelihoods of its lanes and tells `keep`
+    /// where it is at each sample, with the innovations there by output.
+    fn pass<const W: usize>(
         &self,
-        output: usize,
-        k: usize,
-        started: bool,
-        noise: &Noise,
-        walk: &mut Walk<'_>,
-        log_likelihood: &mut f64,
-    ) -> Option<f64> {
-        let (values, valid) = self.measured[output];
-        if started || !valid[k] {
-            return None;
-        }
-        self.linearise(walk, k, 0);
-        let Walk { x, p, scratch, linear, .. } = walk;
-        let n = x.len();
-        let first = n * n + output * (n + 1);
-        let innovation = values[k] - linear.root(first)[0];
-        let slope = |i: usize| linear.root(first + 1 + i)[0];
-        let mut variance = noise.measurement[output];
-        for i in 0..n {
-            scratch[i] = (0..n).map(|j| p[i * n + j] * slope(j)).sum();
-            variance += slope(i) * scratch[i];
-        }
-        for i in 0..n {
-            let gain = scratch[i] / variance;
-            x[i] += gain * innovation;
-            for j in 0..=i {
-                let less = p[i * n + j] - gain * scratch[j];
-                (p[i * n + j], p[j * n + i]) = (less, less);
+        until: usize,
+        walk: &mut Walk<'_, W>,
+        likelihood: &mut [f64; W],
+        mut keep: impl FnMut(&Walk<'_, W>, &[Option<Lane<W>>]),
+    ) {
+        let FilterModel { known, measured, .. } = &self.0;
+        let reached = self.reached(until);
+        let mut innovations = vec![None; measured.len()];
+        for k in 0..until.min(known.len()) {
+            let started = k == 0 || !known[k - 1];
+            if started && k <= reached {
+                walk.start(k);
+            } else if !started {
+                walk.advance(k - 1);
             }
+            for (output, kept) in innovations.iter_mut().enumerate() {
+                // An innovation counts unless the filter just started from this very measurement.
+                let update = if started { None } else { walk.update(output, k) };
+                *kept = update.map(|(innovation, variance)| {
+                    for (lane, likelihood) in likelihood.iter_mut().enumerate() {
+                        let (innovation, variance) = (innovation.0[lane], variance.0[lane]);
+                        *likelihood -= 0.5
+                            * (innovation * innovation / variance
+                                + variance.ln()
+                                + (2.0 * std::f64::consts::PI).ln());
+                    }
+                    innovation
+                });
+            }
+            keep(walk, &innovations);
         }
-        *log_likelihood -=
-            0.5 * (innovation * innovation / variance + variance.ln() + (2.0 * std::f64::consts::PI).ln());
-        Some(innovation)
     }
 
-    /// The process noise that makes the innovations of samples `0..until` most likely: a golden-section
-    /// search over 1e-3 to 3 units per square root of an hour.
+    /// The process noise that makes the innovations of samples `0..until` most likely, between 1e-3 and 3
+    /// units per square root of an hour: eight side by side, eight more between the neighbours of the best
+    /// one, then the peak of a parabola through the best three.
     pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
-        let cost = |log_q: f64| {
-            let noise =
-                Noise { process: vec![log_q.exp(); self.initial.len()], measurement: measurement.to_vec() };
-            let likelihood = self.filter(theta, &noise, until).log_likelihood;
-            if likelihood.is_finite() { -likelihood } else { f64::INFINITY }
+        let likelihoods = |logarithms: &[f64; TRIED]| -> [f64; TRIED] {
+            let noise = |logarithm: &f64| Noise {
+                process: vec![logarithm.exp(); self.0.initial.len()],
+                measurement: measurement.to_vec(),
+            };
+            let noises: Vec<Noise> = logarithms.iter().map(noise).collect();
+            let mut walk = self.0.walk::<TRIED>(&[theta], &noises);
+            let mut found = [0.0; TRIED];
+            self.pass(until, &mut walk, &mut found, |_, _| ());
+            found.map(|likelihood| if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY })
         };
-        let ratio = (5f64.sqrt() - 1.0) / 2.0;
-        let (mut low, mut high) = (1e-3f64.ln(), 3f64.ln());
-        let (mut a, mut b) = (high - ratio * (high - low), low + ratio * (high - low));
-        let (mut cost_a, mut cost_b) = (cost(a), cost(b));
-        // Twelve halvings by the golden ratio leave an interval of three per cent.
-        for _ in 0..12 {
-            if cost_a < cost_b {
-                (high, b, cost_b) = (b, a, cost_a);
-                a = high - ratio * (high - low);
-                cost_a = cost(a);
-            } else {
-                (low, a, cost_a) = (a, b, cost_b);
-                b = low + ratio * (high - low);
-                cost_b = cost(b);
+        let [low, high] = PROCESS_NOISE.map(f64::ln);
+        // The first time the bounds are tried as well.
+        let mut step = (high - low) / (TRIED - 1) as f64;
+        let mut first = low;
+        let mut tried: Vec<(f64, f64)> = Vec::new();
+        for round in 0..ROUNDS {
+            if let (true, Some((best, _))) = (round > 0, peak(&tried)) {
+                let (from, to) = ((best - step).max(low), (best + step).min(high));
+                step = (to - from) / (TRIED + 1) as f64;
+                first = from + step;
             }
+            let logarithms: [f64; TRIED] = std::array::from_fn(|place| first + place as f64 * step);
+            tried.extend(logarithms.into_iter().zip(likelihoods(&logarithms)));
         }
-        (0.5 * (low + high)).exp()
+        tried.sort_by(|one, other| one.0.total_cmp(&other.0));
+        let Some(best) = peak(&tried).and_then(|best| tried.iter().position(|one| *one == best)) else {
+            return (0.5 * (low + high)).exp();
+        };
+        let around = tried.get(best.wrapping_sub(1)).zip(tried.get(best + 1));
+        let vertex = around.and_then(|(before, behind)| vertex(*before, tried[best], *behind));
+        vertex.unwrap_or(tried[best].0).exp()
     }
 
     /// Forecasts with measured inputs from the filtered state at each origin: the first output at leads
@@ -312,7 +189,7 @@ impl<'a> Kalman<'a> {
         origins: &[usize],
         leads: &[usize],
     ) -> Vec<Vec<Vec<Option<f64>>>> {
-        let outputs = self.measured.len();
+        let outputs = self.0.measured.len();
         let block = |block: &[usize]| {
             let mut forecasts = vec![vec![None; outputs * leads.len()]; block.len()];
             self.forecast_block(theta, filtered, block, leads, |lane, lead, output, value| {
@@ -337,8 +214,8 @@ impl<'a> Kalman<'a> {
         leads: &[usize],
         mut keep: impl FnMut(usize, usize, usize, Option<f64>),
     ) {
-        let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
-        let (output_tape, output_drive) = self.simulator.output_parts();
+        let (step_tape, drive, substeps, hours) = self.0.simulator.step_parts();
+        let (output_tape, output_drive) = self.0.simulator.output_parts();
         let mut file = LaneFile::<LANES>::new(step_tape);
         file.load(&[theta], hours);
         let mut out = LaneFile::<LANES>::new(output_tape);
@@ -346,12 +223,12 @@ impl<'a> Kalman<'a> {
         let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else { return };
         let Some(longest) = leads.iter().max() else { return };
         let mut alive = vec![false; origins.len()];
-        let mut meter = Meter::new(&self.simulator.brake);
+        let mut meter = Meter::new(&self.0.simulator.brake);
         let work = LANES * (substeps * step_tape.step.len() + output_tape.step.len());
-        for k in *first..=(last + longest).min(self.known.len() - 1) {
+        for k in *first..=(last + longest).min(self.0.known.len() - 1) {
             meter.add(work);
             if k > *first {
-                if self.known[k - 1] {
+                if self.0.known[k - 1] {
                     for step in 0..substeps {
                         drive.load(&mut file, k - 1, step);
                         file.step();
@@ -369,7 +246,7 @@ impl<'a> Kalman<'a> {
                     }
                 }
             }
-            for state in 0..self.initial.len() {
+            for state in 0..self.0.initial.len() {
                 *out.state(state) = *file.state(state);
             }
             output_drive.load(&mut out, k, 0);
@@ -378,7 +255,7 @@ impl<'a> Kalman<'a> {
                 origins.iter().enumerate().filter(|(lane, origin)| alive[*lane] && k >= **origin)
             {
                 if let Ok(lead) = leads.binary_search(&(k - origin)) {
-                    for output in 0..self.measured.len() {
+                    for output in 0..self.0.measured.len() {
                         let value = out.root(output)[lane];
                         keep(lane, lead, output, value.is_finite().then_some(value));
                     }
@@ -388,20 +265,17 @@ impl<'a> Kalman<'a> {
     }
 }
 
-impl Walk<'_> {
-    /// Takes the covariance over a sub-step of so many hours; none that no step can follow.
-    fn spread(&mut self, hours: f64, brake: &Brake) {
-        if self.step.as_ref().is_none_or(|(jacobian, _)| *jacobian != self.jacobian) {
-            self.step = Transition::new(&self.jacobian, &self.q, hours, false, brake)
-                .map(|step| (self.jacobian.clone(), step));
-        }
-        match &self.step {
-            Some((_, step)) => {
-                propagate(&mut self.p, &step.phi, &step.noise, &mut self.scratch, self.x.len())
-            }
-            None => self.p.fill(f64::NAN),
-        }
-    }
+/// The pair with the largest second, of equals the first.
+fn peak(tried: &[(f64, f64)]) -> Option<(f64, f64)> {
+    tried.iter().copied().rev().max_by(|one, other| one.1.total_cmp(&other.1))
+}
+
+/// Where the parabola through three points is largest, if it has such a place between the outer ones.
+fn vertex(before: (f64, f64), at: (f64, f64), behind: (f64, f64)) -> Option<f64> {
+    let [left, right] = [before, behind].map(|other| ((other.1 - at.1) / (other.0 - at.0), other.0 - at.0));
+    let bend = (right.0 - left.0) / (right.1 - left.1);
+    let to = at.0 - 0.5 * (left.0 - bend * left.1) / bend;
+    (bend < 0.0 && to > before.0 && to < behind.0).then_some(to)
 }
 
 #[cfg(test)]

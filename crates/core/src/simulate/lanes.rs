@@ -4,9 +4,11 @@
 //! There is one interpreter, [`interpret`], written once and instantiated per instruction set. No fused
 //! multiply-add is used, so every CPU gives the same bits, and those of the canonical operations.
 
+use super::dual::Entry;
 use crate::model::expr::{Binary, Unary, select};
 use crate::model::math;
 use crate::model::tape::{Instruction, Pair, Tape};
+use std::ops::{Add, Mul};
 
 /// Candidates in a block.
 pub const LANES: usize = 32;
@@ -15,6 +17,55 @@ pub const LANES: usize = 32;
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub struct Lane<const W: usize>(pub [f64; W]);
+
+impl<const W: usize> Add for Lane<W> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(mut self, other: Self) -> Self {
+        for lane in 0..W {
+            self.0[lane] += other.0[lane];
+        }
+        self
+    }
+}
+
+impl<const W: usize> Mul for Lane<W> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(mut self, other: Self) -> Self {
+        for lane in 0..W {
+            self.0[lane] *= other.0[lane];
+        }
+        self
+    }
+}
+
+impl<const W: usize> Entry for Lane<W> {
+    #[inline(always)]
+    fn constant(value: f64) -> Self {
+        Self([value; W])
+    }
+
+    #[inline(always)]
+    fn scaled(mut self, factor: f64) -> Self {
+        for lane in 0..W {
+            self.0[lane] *= factor;
+        }
+        self
+    }
+
+    #[inline(always)]
+    fn magnitude(self) -> f64 {
+        let mut largest = 0.0;
+        for value in self.0 {
+            // What is no number is not below any, and nothing is above it.
+            largest = if value.abs() <= largest || f64::is_nan(largest) { largest } else { value.abs() };
+        }
+        largest
+    }
+}
 
 /// A register file that evaluates one tape for `W` candidates.
 #[derive(Debug, Clone)]
@@ -72,6 +123,16 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         for (index, delayed) in self.tape.delayed.iter().enumerate() {
             let hours = self.registers[delayed.hours as usize].0;
             self.registers[start + index].0 = hours.map(|hours| past(index, hours));
+        }
+    }
+
+    /// Looks the delayed inputs of one lane up, as [`LaneFile::delay`] does for all.
+    #[inline]
+    pub fn delay_lane(&mut self, lane: usize, past: impl Fn(usize, f64) -> f64) {
+        let start = self.tape.delayed_start();
+        for (index, delayed) in self.tape.delayed.iter().enumerate() {
+            let hours = self.registers[delayed.hours as usize].0[lane];
+            self.registers[start + index].0[lane] = past(index, hours);
         }
     }
 

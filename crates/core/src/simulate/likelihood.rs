@@ -13,12 +13,12 @@
 //! measurement is passed over.
 
 use super::drive::{Drive, Inputs};
-use super::dual::{Dual, Scalar};
-use super::kalman::HIDDEN_VARIANCE;
+use super::dual::{Dual, Entry, Scalar};
 use super::registers::Registers;
 use super::stepper::{field_tape, observation_tape};
 use super::trajectory::{MeasuredOutput, Simulator, diverged};
 use super::transition::{Transition, propagate};
+use super::walk::HIDDEN_VARIANCE;
 use crate::interrupt::Meter;
 use crate::model::expr::{Node, NodeId};
 use crate::model::tape::Tape;

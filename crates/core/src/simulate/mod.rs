@@ -2,8 +2,8 @@
 //!
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
 //! candidates share, `lanes` evaluates the rest, `trajectory` walks the window and `run` says which way,
-//! `segment` walks stretches of it from states of their own, `kalman` filters it, `predict` goes on from
-//! there and `linearise` gives the matrices of every step.
+//! `segment` walks stretches of it from states of their own, `kalman` filters it (`walk` is a filter on its
+//! way), `predict` goes on from there and `linearise` gives the matrices of every step.
 //!
 //! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients
 //! of `chebyshev`, `vectors` does the arithmetic of all lanes, `block` gives lanes to candidates.
@@ -32,11 +32,12 @@ mod rkc;
 #[cfg(test)]
 mod rkc_tests;
 mod run;
-mod segment;
+pub mod segment;
 pub mod stepper;
 pub mod trajectory;
 mod transition;
 mod vectors;
+mod walk;
 
 pub use crate::model::Stepper;
 pub use drive::Inputs;

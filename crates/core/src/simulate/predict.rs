@@ -2,6 +2,8 @@
 //! from then on.
 
 use super::kalman::{Filtered, Kalman, Noise};
+use super::lanes::Lane;
+use super::walk::Walk;
 
 /// States as they are believed to be.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,6 +44,14 @@ pub struct Advanced {
 }
 
 impl Kalman<'_> {
+    /// A filter that goes on from what is believed.
+    fn believing(&self, theta: &[f64], noise: &Noise, belief: &Belief) -> Walk<'_, 1> {
+        let mut walk = self.0.walk::<1>(&[theta], std::slice::from_ref(noise));
+        walk.x.iter_mut().zip(&belief.states).for_each(|(to, value)| *to = Lane([*value]));
+        walk.p.iter_mut().zip(&belief.covariance).for_each(|(to, value)| *to = Lane([*value]));
+        walk
+    }
+
     /// Filters on from what is believed at sample `first` to sample `last`: what a filter over both stretches
     /// finds there, as long as the inputs are known between them.
     pub fn go_on(
@@ -51,38 +61,36 @@ impl Kalman<'_> {
         belief: &Belief,
         (first, last): (usize, usize),
     ) -> Advanced {
-        let mut walk = self.walk(theta, noise);
-        walk.x.copy_from_slice(&belief.states);
-        walk.p.copy_from_slice(&belief.covariance);
+        let mut walk = self.believing(theta, noise, belief);
         let mut innovations = vec![None; noise.measurement.len()];
         for k in first + 1..=last {
-            self.advance(k - 1, &mut walk);
+            walk.advance(k - 1);
             for (output, innovation) in innovations.iter_mut().enumerate() {
-                *innovation = self.update(output, k, false, noise, &mut walk, &mut 0.0);
+                *innovation = walk.update(output, k).map(|(innovation, _)| innovation.0[0]);
             }
         }
-        Advanced { belief: Belief { states: walk.x, covariance: walk.p }, innovations }
+        let alone = |lanes: &[Lane<1>]| lanes.iter().map(|lanes| lanes.0[0]).collect();
+        Advanced { belief: Belief { states: alone(&walk.x), covariance: alone(&walk.p) }, innovations }
     }
 
     /// Goes on from what is believed at sample `first` to the end of the grid, or to the first interval over
     /// which an input is not known.
     pub fn predict(&self, theta: &[f64], noise: &Noise, first: usize, belief: &Belief) -> Prediction {
         let n = belief.states.len();
-        let mut walk = self.walk(theta, noise);
-        walk.x.copy_from_slice(&belief.states);
-        walk.p.copy_from_slice(&belief.covariance);
+        let alone = |(value, variance): (Lane<1>, Lane<1>)| (value.0[0], variance.0[0]);
+        let mut walk = self.believing(theta, noise, belief);
         let mut found = Prediction::default();
-        for k in first..self.known.len() {
+        for k in first..self.0.known.len() {
             if k > first {
-                if !self.known[k - 1] {
+                if !self.0.known[k - 1] {
                     break;
                 }
-                self.advance(k - 1, &mut walk);
+                walk.advance(k - 1);
             }
             let outputs: Vec<(f64, f64)> =
-                (0..noise.measurement.len()).map(|output| self.output(output, k, &mut walk)).collect();
-            found.states.push(walk.x.clone());
-            found.deviations.push((0..n).map(|i| walk.p[i * n + i].max(0.0).sqrt()).collect());
+                (0..noise.measurement.len()).map(|output| walk.output(output, k)).map(alone).collect();
+            found.states.push(walk.x.iter().map(|lanes| lanes.0[0]).collect());
+            found.deviations.push((0..n).map(|i| walk.p[i * n + i].0[0].max(0.0).sqrt()).collect());
             found
                 .output_deviations
                 .push(outputs.iter().map(|(_, variance)| variance.max(0.0).sqrt()).collect());

@@ -44,13 +44,9 @@ pub fn observation_tape(model: &Model) -> Tape {
     schedule(model.graph(), &nodes, model.parameters().len(), model.states().len())
 }
 
-/// The tape of the Jacobian, row by row, and of each output with its gradient: what a Kalman filter needs.
-pub fn linear_tape(model: &Model) -> Tape {
-    let mut nodes: Vec<NodeId> = model.jacobian().iter().flatten().copied().collect();
-    for output in model.outputs() {
-        nodes.push(output.node);
-        nodes.extend(&output.gradient);
-    }
+/// The tape of the Jacobian, row by row.
+pub fn jacobian_tape(model: &Model) -> Tape {
+    let nodes: Vec<NodeId> = model.jacobian().iter().flatten().copied().collect();
     schedule(model.graph(), &nodes, model.parameters().len(), model.states().len())
 }
 

@@ -5,7 +5,7 @@
 //! inputs. The sums have no differences of large numbers, so a stiff system keeps its accuracy and Q stays
 //! positive.
 
-use super::dual::Scalar;
+use super::dual::Entry;
 use crate::interrupt::{Brake, Meter};
 
 /// Terms of the series where the step is exact and kept.
@@ -29,44 +29,83 @@ pub struct Transition<T> {
     pub ramp: Vec<T>,
     /// The covariance that the noise adds.
     pub noise: Vec<T>,
+    power: Vec<T>,
+    lyapunov: Vec<T>,
+    scratch: Vec<T>,
 }
 
-impl<T: Scalar> Transition<T> {
+impl<T: Entry> Transition<T> {
     /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour; an `exact` one
     /// has the integrals over the inputs as well. `None` where the Jacobian is not finite, or too large for
     /// any step.
     pub fn new(a: &[T], q: &[T], hours: f64, exact: bool, brake: &Brake) -> Option<Self> {
+        let mut step = Self::empty(q.len());
+        step.set(a, q, hours, exact, brake).then_some(step)
+    }
+
+    /// Nothing yet, for so many states.
+    pub fn empty(n: usize) -> Self {
+        let zero = || vec![T::constant(0.0); n * n];
+        let [phi, psi, ramp, noise, power, lyapunov, scratch] = std::array::from_fn(|_| zero());
+        Self { phi, psi, ramp, noise, power, lyapunov, scratch }
+    }
+
+    /// Whether a step can follow a Jacobian whose norm is this over it.
+    #[inline(always)]
+    pub fn follows(norm: f64) -> bool {
+        norm <= NORM * 2f64.powi(DOUBLINGS as i32)
+    }
+
+    /// Becomes another step, as [`Transition::new`] makes it. Whether there is one.
+    #[inline(always)]
+    pub fn set(&mut self, a: &[T], q: &[T], hours: f64, exact: bool, brake: &Brake) -> bool {
         let n = q.len();
         let mut meter = Meter::new(brake);
         let product = n.pow(3) * (size_of::<T>() / size_of::<f64>());
         let terms = if exact { EXACT } else { LINEARISED };
-        if a.iter().any(|slope| !slope.value().is_finite()) {
-            return None;
+        let mut norm = 0.0;
+        for j in 0..n {
+            let mut sum = 0.0;
+            for i in 0..n {
+                sum += a[i * n + j].magnitude();
+            }
+            // What is no number stays so.
+            norm = if sum <= norm || f64::is_nan(norm) { norm } else { sum };
         }
-        let norm =
-            (0..n).map(|j| (0..n).map(|i| a[i * n + j].value().abs()).sum::<f64>()).fold(0.0, f64::max)
-                * hours;
-        let doublings = (0..=DOUBLINGS).find(|doublings| norm / 2f64.powi(*doublings as i32) <= NORM)?;
-        let mut time = hours / 2f64.powi(doublings as i32);
-        let zero = vec![T::constant(0.0); n * n];
-        let mut step = Self { phi: identity(n), psi: zero.clone(), ramp: zero.clone(), noise: zero.clone() };
-        let mut power = identity(n);
-        let mut lyapunov = zero.clone();
-        (0..n).for_each(|i| lyapunov[i * n + i] = q[i].scaled(time));
-        let mut scratch = zero;
+        norm *= hours;
+        if !Self::follows(norm) {
+            return false;
+        }
+        let (mut doublings, mut parts) = (0, 1.0);
+        while norm / parts > NORM {
+            (doublings, parts) = (doublings + 1, 2.0 * parts);
+        }
+        let mut time = hours / parts;
+        let Self { phi, psi, ramp, noise, power, lyapunov, scratch } = self;
+        let nothing = T::constant(0.0);
+        for of in [&mut *psi, &mut *ramp, &mut *noise, &mut *lyapunov] {
+            of.fill(nothing);
+        }
+        identity(phi, n);
+        identity(power, n);
+        for i in 0..n {
+            lyapunov[i * n + i] = q[i].scaled(time);
+        }
         for term in 1..=terms {
             meter.add(2 * product);
             let k = term as f64;
-            add(&mut step.noise, &lyapunov);
+            add(noise, lyapunov);
             if exact {
                 // At this place `power` is (A t)^(k-1) / (k-1)!.
-                add_scaled(&mut step.psi, &power, time / k);
-                add_scaled(&mut step.ramp, &power, time * time / (k * (k + 1.0)));
+                add_scaled(psi, power, time / k);
+                add_scaled(ramp, power, time * time / (k * (k + 1.0)));
             }
-            multiply(&mut scratch, a, &power, n);
-            power.iter_mut().zip(&scratch).for_each(|(power, product)| *power = product.scaled(time / k));
-            add(&mut step.phi, &power);
-            multiply(&mut scratch, a, &lyapunov, n);
+            multiply(scratch, a, power, n);
+            for place in 0..n * n {
+                power[place] = scratch[place].scaled(time / k);
+            }
+            add(phi, power);
+            multiply(scratch, a, lyapunov, n);
             for i in 0..n {
                 for j in 0..=i {
                     let sum = (scratch[i * n + j] + scratch[j * n + i]).scaled(time / (k + 1.0));
@@ -76,53 +115,71 @@ impl<T: Scalar> Transition<T> {
         }
         for _ in 0..doublings {
             meter.add(if exact { 5 } else { 3 } * product);
-            step.double(&mut scratch, time, exact, n);
+            self.double(time, exact, n);
             time *= 2.0;
         }
-        Some(step)
+        true
     }
 
-    fn double(&mut self, scratch: &mut [T], time: f64, exact: bool, n: usize) {
+    #[inline(always)]
+    fn double(&mut self, time: f64, exact: bool, n: usize) {
+        let Self { phi, psi, ramp, noise, power: before, scratch, .. } = self;
         if exact {
-            multiply(scratch, &self.phi, &self.ramp, n);
-            add(&mut self.ramp, scratch);
-            add_scaled(&mut self.ramp, &self.psi, time);
-            multiply(scratch, &self.phi, &self.psi, n);
-            add(&mut self.psi, scratch);
+            multiply(scratch, phi, ramp, n);
+            add(ramp, scratch);
+            add_scaled(ramp, psi, time);
+            multiply(scratch, phi, psi, n);
+            add(psi, scratch);
         }
-        let before = self.noise.clone();
-        propagate(&mut self.noise, &self.phi, &before, scratch, n);
-        multiply(scratch, &self.phi, &self.phi, n);
-        self.phi.copy_from_slice(scratch);
+        before.copy_from_slice(noise);
+        propagate(noise, phi, before, scratch, n);
+        multiply(scratch, phi, phi, n);
+        phi.copy_from_slice(scratch);
     }
 }
 
-fn identity<T: Scalar>(n: usize) -> Vec<T> {
-    (0..n * n).map(|place| T::constant(f64::from(place / n == place % n))).collect()
+#[inline(always)]
+fn identity<T: Entry>(to: &mut [T], n: usize) {
+    to.fill(T::constant(0.0));
+    for i in 0..n {
+        to[i * n + i] = T::constant(1.0);
+    }
 }
 
-fn add<T: Scalar>(to: &mut [T], what: &[T]) {
-    to.iter_mut().zip(what).for_each(|(to, what)| *to = *to + *what);
+#[inline(always)]
+fn add<T: Entry>(to: &mut [T], what: &[T]) {
+    for place in 0..to.len() {
+        to[place] = to[place] + what[place];
+    }
 }
 
-fn add_scaled<T: Scalar>(to: &mut [T], what: &[T], factor: f64) {
-    to.iter_mut().zip(what).for_each(|(to, what)| *to = *to + what.scaled(factor));
+#[inline(always)]
+fn add_scaled<T: Entry>(to: &mut [T], what: &[T], factor: f64) {
+    for place in 0..to.len() {
+        to[place] = to[place] + what[place].scaled(factor);
+    }
 }
 
-fn multiply<T: Scalar>(to: &mut [T], a: &[T], b: &[T], n: usize) {
+#[inline(always)]
+fn multiply<T: Entry>(to: &mut [T], a: &[T], b: &[T], n: usize) {
     // By rows of b: the same sums in the same order, and neighbours in memory one after the other.
     for i in 0..n {
         let row = &mut to[i * n..(i + 1) * n];
-        row.iter_mut().zip(b).for_each(|(to, b)| *to = a[i * n] * *b);
+        for j in 0..n {
+            row[j] = a[i * n] * b[j];
+        }
         for k in 1..n {
-            let factor = a[i * n + k];
-            row.iter_mut().zip(&b[k * n..(k + 1) * n]).for_each(|(to, b)| *to = *to + factor * *b);
+            let (factor, others) = (a[i * n + k], &b[k * n..(k + 1) * n]);
+            for j in 0..n {
+                row[j] = row[j] + factor * others[j];
+            }
         }
     }
 }
 
 /// Replaces the covariance P by `phi P phi' + noise`, symmetric to the last bit.
-pub fn propagate<T: Scalar>(p: &mut [T], phi: &[T], noise: &[T], scratch: &mut [T], n: usize) {
+#[inline(always)]
+pub fn propagate<T: Entry>(p: &mut [T], phi: &[T], noise: &[T], scratch: &mut [T], n: usize) {
     multiply(scratch, phi, p, n);
     for i in 0..n {
         for j in 0..=i {

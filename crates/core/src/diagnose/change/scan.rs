@@ -62,8 +62,7 @@ impl Scan {
     /// Sums up a record of which no stretch of more than `longest` days will be looked at.
     pub fn new(record: &Whitened, longest: usize) -> Self {
         let (days, places) = (record.days(), record.parameters.len());
-        let whole: Vec<Vec<f64>> =
-            (0..places).into_par_iter().map(|place| record.direction(place, 0..days)).collect();
+        let whole = record.directions(0..days);
         let rows = |day: usize| record.rows(day..day + 1);
         let throughout = |day: usize| {
             let rows = rows(day);
@@ -76,9 +75,8 @@ impl Scan {
                 }),
             }
         };
-        let changing = |from: usize, place: usize| -> Vec<Changing> {
+        let changing = |from: usize, series: &[f64]| -> Vec<Changing> {
             let until = (from + longest).min(days);
-            let series = record.direction(place, from..until);
             let first = record.rows(from..until).start;
             let of_day = |day: usize| {
                 let rows = rows(day);
@@ -96,7 +94,10 @@ impl Scan {
             throughout: (0..days).map(throughout).collect(),
             changing: (0..days)
                 .into_par_iter()
-                .map(|day| (0..places).map(|place| changing(day, place)).collect())
+                .map(|day| {
+                    let series = record.directions(day..(day + longest).min(days));
+                    series.iter().map(|series| changing(day, series)).collect()
+                })
                 .collect(),
         }
     }

@@ -106,7 +106,7 @@ fn a_direction_is_what_a_changed_parameter_adds_to_the_innovations() {
     };
     let ((place, kept), (_, changed)) = (whitened(&csv(false)), whitened(&csv(true)));
     let first_day = (grid.time(from).div_euclid(DAY) - kept.first_day) as usize;
-    let direction = kept.direction(place, first_day..kept.days());
+    let direction = kept.directions(first_day..kept.days()).swap_remove(place);
     let rows = kept.rows(first_day..kept.days());
     let apart: Vec<f64> = changed.innovations[rows.clone()]
         .iter()
@@ -129,9 +129,9 @@ fn sums_by_days_are_plain_regression() {
     let step = steps.iter().find(|step| step.day == 20).unwrap();
     let rows = record.rows(3..30);
     let whole: Vec<Vec<f64>> =
-        (0..places).map(|place| record.direction(place, 0..record.days())[rows.clone()].to_vec()).collect();
+        record.directions(0..record.days()).iter().map(|series| series[rows.clone()].to_vec()).collect();
     let mut changing = vec![0.0; record.rows(3..20).len()];
-    changing.extend(record.direction(step.place, 20..30));
+    changing.extend(record.directions(20..30).swap_remove(step.place));
     let column = |j: usize| if j < places { &whole[j] } else { &changing };
     let mut normal = DMatrix::from_fn(places + 1, places + 1, |i, j| dot(column(i), column(j)));
     (0..places).for_each(|i| normal[(i, i)] += record.reaches[i].powi(-2));

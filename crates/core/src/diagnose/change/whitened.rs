@@ -11,13 +11,17 @@ use crate::diagnose::missing_heat::record::{LinearRecord, MissingHeatAsked};
 use crate::diagnose::missing_heat::smoother::{self, likeliest, passed};
 use crate::estimate::Problem;
 use crate::estimate::assess::metrics::filter;
-use crate::estimate::segments::{dot, is_start};
+use crate::estimate::segments::is_start;
 use crate::model::{Model, Scale};
+use crate::simulate::lanes::{Cpu, Kernel, Lane, dispatch};
+use crate::simulate::segment::StepAlong;
 use std::ops::Range;
 
 /// The length of a difference: a share of a parameter that is searched by its logarithm, and else of its
 /// bounds.
 const DIFFERENCE: f64 = 1e-4;
+/// Parameters side by side.
+const WIDTH: usize = 8;
 
 /// A value of the record, as the filter takes it.
 struct Value {
@@ -36,19 +40,14 @@ struct Taken {
     step: Vec<f64>,
 }
 
-/// What a unit of a parameter does at a sample by itself.
-struct Push {
-    /// To the states until the next one.
-    states: Vec<f64>,
-    /// To each output.
-    outputs: Vec<f64>,
-}
-
 /// The innovations of a record, and what parameters do to them.
 pub(super) struct Whitened {
     samples: Vec<Taken>,
     width: usize,
-    pushes: Vec<Vec<Push>>,
+    states: usize,
+    outputs: usize,
+    /// By eight parameters, sample by sample.
+    pushes: Vec<Vec<Lane<WIDTH>>>,
     /// The parameters that may change, by their places in the full vector.
     pub parameters: Vec<usize>,
     /// How far each of them is believed to lie from where it is, as a deviation in what its change is counted
@@ -127,21 +126,27 @@ impl Whitened {
             std::iter::once(theta.to_vec()).chain(parameters.iter().map(moved)).collect();
         let thetas: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
         let steps = problem.simulator().steps_along(&along, &thetas);
-        let push = |place: usize, index: usize| -> Vec<Push> {
-            let by = unit(model, index, theta[index]) / length(index);
-            let slope = |moved: &[f64], kept: &[f64]| -> Vec<f64> {
-                moved.iter().zip(kept).map(|(moved, kept)| (moved - kept) * by).collect()
+        // By eight parameters and sample: what a unit of each does to the states until the next one, and to
+        // the outputs.
+        let (states, outputs) = (model.states().len(), model.outputs().len());
+        let by: Vec<f64> =
+            parameters.iter().map(|index| unit(model, *index, theta[*index]) / length(*index)).collect();
+        let pushes = (0..parameters.len()).step_by(WIDTH).map(|first| -> Vec<Lane<WIDTH>> {
+            let places = WIDTH.min(parameters.len() - first);
+            let slope = |of: &dyn Fn(&StepAlong) -> f64, step: &[StepAlong]| {
+                let mut lanes = [0.0; WIDTH];
+                for (lane, place) in (first..first + places).enumerate() {
+                    lanes[lane] = (of(&step[1 + place]) - of(&step[0])) * by[place];
+                }
+                Lane(lanes)
             };
-            steps
-                .iter()
-                .map(|step| Push {
-                    states: slope(&step[1 + place].states, &step[0].states),
-                    outputs: slope(&step[1 + place].outputs, &step[0].outputs),
-                })
-                .collect()
-        };
-        let pushes: Vec<Vec<Push>> =
-            parameters.iter().enumerate().map(|(place, index)| push(place, *index)).collect();
+            let of_sample = |step: &Vec<StepAlong>| -> Vec<Lane<WIDTH>> {
+                let to_states = (0..states).map(|i| slope(&|along| along.states[i], step));
+                to_states.chain((0..outputs).map(|i| slope(&|along| along.outputs[i], step))).collect()
+            };
+            steps.iter().flat_map(of_sample).collect()
+        });
+        let pushes = pushes.collect();
         let reach = |index: &usize| match model.parameters()[*index].scale {
             Scale::Log => 1.0,
             Scale::Linear => (problem.bounds()[*index][1] - problem.bounds()[*index][0]) / 4.0,
@@ -161,6 +166,8 @@ impl Whitened {
         Some(Self {
             samples,
             width,
+            states,
+            outputs,
             pushes,
             parameters,
             reaches,
@@ -183,29 +190,76 @@ impl Whitened {
         self.first_row[sample(days.start)]..self.first_row[sample(days.end)]
     }
 
-    /// What a unit more of a parameter, by its place among those that may change, does to the innovations of
-    /// some days where it comes with the first of them.
-    pub fn direction(&self, place: usize, days: Range<usize>) -> Vec<f64> {
-        let mut apart = vec![0.0; self.width];
-        let mut next = apart.clone();
-        let mut series = Vec::with_capacity(self.rows(days.clone()).len());
-        let Some(first) = self.days.get(days.start) else { return series };
-        for k in first.start..self.days[days.end.min(self.days.len()) - 1].end {
-            let push = &self.pushes[place][k];
-            for value in &self.samples[k].values {
-                let shown = dot(&value.row, &apart) + push.outputs[value.output];
-                series.push(shown / value.deviation);
-                apart.iter_mut().zip(&value.gain).for_each(|(apart, gain)| *apart -= gain * shown);
+    /// What a unit more of each parameter that may change does to the innovations of some days where it comes
+    /// with the first of them.
+    pub fn directions(&self, days: Range<usize>) -> Vec<Vec<f64>> {
+        let (Some(first), Some(last)) = (self.days.get(days.start), self.days.get(days.end.wrapping_sub(1))) else {
+            return vec![Vec::new(); self.parameters.len()];
+        };
+        let samples = first.start..last.end;
+        let mut directions = Vec::with_capacity(self.parameters.len());
+        for pushes in &self.pushes {
+            let rows = dispatch(Cpu::detect(), Directions { of: self, pushes, samples: samples.clone() });
+            let places = WIDTH.min(self.parameters.len() - directions.len());
+            directions.extend((0..places).map(|lane| rows.iter().map(|row| row.0[lane]).collect::<Vec<f64>>()));
+        }
+        directions
+    }
+}
+
+/// What eight parameters do to the innovations of some samples.
+struct Directions<'a> {
+    of: &'a Whitened,
+    pushes: &'a [Lane<WIDTH>],
+    samples: Range<usize>,
+}
+
+impl Kernel for Directions<'_> {
+    /// A row for each value of the samples.
+    type Output = Vec<Lane<WIDTH>>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Whitened { samples, width, states, outputs, .. } = self.of;
+        let (width, states, stride) = (*width, *states, states + outputs);
+        let zero = Lane([0.0; WIDTH]);
+        let (mut apart, mut next) = (vec![zero; width], vec![zero; width]);
+        let mut rows = Vec::with_capacity(self.samples.len());
+        for k in self.samples {
+            let push = &self.pushes[k * stride..(k + 1) * stride];
+            for value in &samples[k].values {
+                let mut shown = push[states + value.output].0;
+                for i in 0..width {
+                    for lane in 0..WIDTH {
+                        shown[lane] += value.row[i] * apart[i].0[lane];
+                    }
+                }
+                let mut row = shown;
+                for lane in 0..WIDTH {
+                    row[lane] /= value.deviation;
+                }
+                rows.push(Lane(row));
+                for i in 0..width {
+                    for lane in 0..WIDTH {
+                        apart[i].0[lane] -= value.gain[i] * shown[lane];
+                    }
+                }
             }
-            if self.samples[k].step.is_empty() {
+            let step = &samples[k].step;
+            if step.is_empty() {
                 break;
             }
-            for (row, next) in self.samples[k].step.chunks_exact(self.width).zip(&mut next) {
-                *next = dot(row, &apart);
+            for i in 0..width {
+                let mut sum = if i < states { push[i].0 } else { [0.0; WIDTH] };
+                for j in 0..width {
+                    for lane in 0..WIDTH {
+                        sum[lane] += step[i * width + j] * apart[j].0[lane];
+                    }
+                }
+                next[i] = Lane(sum);
             }
             apart.copy_from_slice(&next);
-            apart.iter_mut().zip(&push.states).for_each(|(apart, push)| *apart += push);
         }
-        series
+        rows
     }
 }

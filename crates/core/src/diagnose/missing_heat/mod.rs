@@ -16,6 +16,7 @@
 //! that comes and goes a part. Times and signs are surer than sizes (reference: missing-effects 6).
 
 mod events;
+mod guesses;
 mod hours;
 pub(super) mod record;
 pub(super) mod smoother;
@@ -27,10 +28,10 @@ use crate::fault::Fault;
 use crate::model::expr::Node;
 use crate::model::{Initial, Model};
 use crate::units::{Unit, error_unit};
+use guesses::Guess;
 use nalgebra::DVector;
 use record::{LinearRecord, MissingHeatAsked};
 use serde::{Deserialize, Serialize};
-use smoother::Guess;
 use utoipa::ToSchema;
 
 pub use events::{HeatEvent, HeatHabit};

@@ -2,6 +2,7 @@
 //! smoothing with discrete measurements", International Journal of Control 18): from the end backwards it
 //! adds up what later values say, and inverts no covariance, so that what is known exactly does no harm.
 
+use super::guesses::{Guess, GuessedRecord};
 use super::record::LinearRecord;
 use crate::interrupt::Brake;
 use nalgebra::{DMatrix, DVector};
@@ -15,16 +16,8 @@ const MEMORY: [f64; 2] = [0.2, 72.0];
 const SENSOR: [f64; 2] = [0.7, 10.0];
 const SIZE: [f64; 2] = [3e-3, 300.0];
 
-/// What the filter is told.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::diagnose) struct Guess {
-    /// Deviation of the sensors in their scale.
-    pub sensor: f64,
-    /// Deviation of the missing rate over all time, in the state's unit per hour.
-    pub size: f64,
-    /// How long it remembers, in hours.
-    pub memory: f64,
-}
+/// What a better guess gains in the logarithm of the likelihood at least.
+const GAIN: f64 = 1e-6;
 
 /// What is known of everything that is sought at a sample.
 pub(in crate::diagnose) type Smoothed = (DVector<f64>, DMatrix<f64>);
@@ -88,8 +81,8 @@ pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
     smoothed
 }
 
-/// The likeliest guess, by a search along one axis of the logarithms after the other. `begin` is where it
-/// begins, `middle` what the bounds are of.
+/// The likeliest guess, by a search along the axes of the logarithms: all neighbours side by side. `begin` is
+/// where it begins, `middle` what the bounds are of.
 pub(in crate::diagnose) fn likeliest(
     record: &LinearRecord,
     begin: Guess,
@@ -97,33 +90,35 @@ pub(in crate::diagnose) fn likeliest(
     brake: &Brake,
 ) -> Guess {
     let within = |value: f64, of: f64, [low, high]: [f64; 2]| value.clamp(low * of, high * of);
-    let moves = [
-        |guess: Guess, by: f64| Guess { sensor: guess.sensor * by, ..guess },
-        |guess: Guess, by: f64| Guess { size: guess.size * by, ..guess },
-        |guess: Guess, by: f64| Guess { memory: guess.memory * by, ..guess },
-    ];
     let bounded = |guess: Guess| Guess {
         sensor: within(guess.sensor, middle.sensor, SENSOR),
         size: within(guess.size, middle.size, SIZE),
         memory: within(guess.memory, 1.0, MEMORY),
     };
-    let (mut best, mut at) = (begin, likelihood(record, begin));
+    let guessed = GuessedRecord::new(record);
+    let (mut best, mut at) = (begin, f64::NEG_INFINITY);
     let mut factor = 2.0_f64;
     while factor > NEAR {
-        let mut is_better = false;
-        for step in moves {
-            for by in [factor, 1.0 / factor] {
-                brake.check();
-                let there = bounded(step(best, by));
-                let value = likelihood(record, there);
-                if value > at + 1e-6 {
-                    (best, at, is_better) = (there, value, true);
-                    break;
-                }
-            }
-        }
-        if !is_better {
-            factor = factor.sqrt();
+        brake.check();
+        let less = factor.recip();
+        let neighbours = [
+            best,
+            Guess { sensor: best.sensor * factor, ..best },
+            Guess { sensor: best.sensor * less, ..best },
+            Guess { size: best.size * factor, ..best },
+            Guess { size: best.size * less, ..best },
+            Guess { memory: best.memory * factor, ..best },
+            Guess { memory: best.memory * less, ..best },
+            // Along the ridge on which slow and little is as likely as fast and much.
+            Guess { size: best.size * factor, memory: best.memory * less, ..best },
+        ]
+        .map(bounded);
+        let found = guessed.likelihoods(&neighbours);
+        at = f64::max(at, found[0]);
+        let better = found.iter().zip(neighbours).max_by(|one, other| one.0.total_cmp(other.0));
+        match better.filter(|(value, _)| **value > at + GAIN) {
+            Some((value, guess)) => (best, at) = (guess, *value),
+            None => factor = factor.sqrt(),
         }
     }
     best
@@ -135,7 +130,6 @@ fn filter(record: &LinearRecord, guess: Guess, mut kept: Option<&mut Vec<Sample>
     let rate = record.rate();
     let (mut mean, mut covariance) = record.begin(guess.size.powi(2));
     let mut likelihood = 0.0;
-    // The search for the likeliest comes here some hundred times, so that nothing is made anew in this loop.
     let mut matrix = covariance.clone();
     let (mut half, mut next) = (covariance.clone(), mean.clone());
     let mut spread = mean.clone();

@@ -3,7 +3,8 @@
 use super::events::{events, habits};
 use super::hours::{Hour, week};
 use super::record::{LinearRecord, MissingHeatAsked};
-use super::smoother::{Guess, smooth};
+use super::guesses::Guess;
+use super::smoother::smooth;
 use super::{MissingHeat, missing_heat};
 use crate::data::{ColumnBindings, HOUR, SplitRequest, Window, rfc3339};
 use crate::diagnose::tests::site;
