@@ -6,9 +6,9 @@
 //! are, so that models with constant coefficients are exact at once and others are to some nine digits.
 
 use super::drive::{Drive, Inputs};
+use super::flow::{Flow, FlowModel, LaneFlow};
 use super::kalman::Noise;
-use super::registers::Registers;
-use super::transition::{Transition, propagate};
+use super::lanes::{Lane, LaneFile};
 use crate::interrupt::Brake;
 use crate::model::derivative::derivatives;
 use crate::model::entrance::entrances;
@@ -17,8 +17,8 @@ use crate::model::tape::{Tape, schedule};
 use crate::model::{InputHold, Model};
 use std::ops::Range;
 
-/// Where the matrices of two divisions agree, relative to the largest entry.
-const AGREED: f64 = 1e-9;
+/// Samples side by side.
+const WIDTH: usize = 8;
 /// The finest division of a step. What has kinks need not agree at any.
 const FINEST: usize = 128;
 
@@ -67,16 +67,10 @@ pub struct Linearisation<'a> {
     inputs: &'a Inputs,
     theta: &'a [f64],
     entering: Vec<Entering>,
-    /// Equations, their explicit derivatives by time, and their derivatives by states and by what enters.
-    field: Tape,
+    flow: FlowModel,
     /// Each output, with its derivatives by states and by what enters.
     observation: Tape,
     observation_drive: Drive,
-}
-
-/// The variances of the process noise, state by state.
-fn variances(noise: &Noise) -> Vec<f64> {
-    noise.process.iter().map(|sigma| sigma * sigma).collect()
 }
 
 impl<'a> Linearisation<'a> {
@@ -86,7 +80,7 @@ impl<'a> Linearisation<'a> {
         let outputs: Vec<NodeId> = model.outputs().iter().map(|output| output.node).collect();
         let roots: Vec<NodeId> = model.rhs().iter().chain(&outputs).copied().collect();
         let leaves = entrances(model);
-        let entering =
+        let entering: Vec<Entering> =
             leaves.iter().map(|one| Entering { input: one.input, delay: one.delay(&graph, theta) }).collect();
         let by_leaf: Vec<Vec<NodeId>> =
             leaves.iter().map(|one| derivatives(&mut graph, &roots, one.leaf)).collect();
@@ -106,7 +100,9 @@ impl<'a> Linearisation<'a> {
         let tape = |nodes: &[NodeId]| schedule(&graph, nodes, model.parameters().len(), n);
         let (field, observation) = (tape(&nodes), tape(&observed));
         let observation_drive = Drive::new(&observation, inputs, 1);
-        Self { model, inputs, theta, entering, field, observation, observation_drive }
+        let held = entering.iter().map(|one| model.inputs()[one.input].hold == InputHold::ZeroOrder);
+        let flow = FlowModel { field, hours: inputs.hours(), held: held.collect() };
+        Self { model, inputs, theta, entering, flow, observation, observation_drive }
     }
 
     /// What enters the equations, in the order of the columns.
@@ -124,7 +120,7 @@ impl<'a> Linearisation<'a> {
         brake: &Brake,
     ) -> Option<Vec<LinearStep>> {
         let mut drives = Vec::new();
-        self.chained(samples, states, &variances(noise), FINEST, brake, &mut drives)
+        self.chained::<1>(&[(samples, states)], noise, FINEST, brake, &mut drives).pop().flatten()
     }
 
     /// The steps of several stretches of samples, each along the trajectory that starts at its first one,
@@ -136,34 +132,54 @@ impl<'a> Linearisation<'a> {
         noise: &Noise,
         brake: &Brake,
     ) -> Option<Vec<Vec<LinearStep>>> {
-        let q = variances(noise);
         let mut drives = Vec::new();
-        let mut chained = |samples: Range<usize>, start: &[f64], finest: usize| {
-            self.chained(samples, start, &q, finest, brake, &mut drives)
-        };
-        stretches
-            .map(|(samples, start)| {
-                chained(samples.clone(), start, 2).or_else(|| chained(samples, start, FINEST))
-            })
-            .collect()
+        let stretches: Vec<(Range<usize>, &[f64])> = stretches.collect();
+        let mut found = Vec::with_capacity(stretches.len());
+        for some in stretches.chunks(WIDTH) {
+            let steps = self.chained::<WIDTH>(some, noise, 2, brake, &mut drives);
+            for (steps, stretch) in steps.into_iter().zip(some) {
+                let alone = std::slice::from_ref(stretch);
+                let mut finely =
+                    || self.chained::<1>(alone, noise, FINEST, brake, &mut drives).pop().flatten();
+                found.push(steps.or_else(&mut finely)?);
+            }
+        }
+        Some(found)
     }
 
-    /// The steps from each of these samples to the next along one trajectory, each in at most so many parts.
-    fn chained(
+    /// The steps of at most so many stretches side by side, each along its trajectory and each step in at
+    /// most so many parts.
+    fn chained<const W: usize>(
         &self,
-        samples: Range<usize>,
-        states: &[f64],
-        q: &[f64],
+        stretches: &[(Range<usize>, &[f64])],
+        noise: &Noise,
         finest: usize,
         brake: &Brake,
         drives: &mut Vec<Drive>,
-    ) -> Option<Vec<LinearStep>> {
-        let mut steps: Vec<LinearStep> = Vec::new();
-        for k in samples {
-            let start = steps.last().map_or(states, |step| &step.next).to_vec();
-            steps.push(self.step_from(k, start, q, finest, brake, drives)?);
+    ) -> Vec<Option<Vec<LinearStep>>> {
+        let longest = stretches.iter().map(|(samples, _)| samples.len()).max().unwrap_or(0);
+        let mut chains: Vec<Option<Vec<LinearStep>>> = stretches.iter().map(|_| Some(Vec::new())).collect();
+        for passed in 0..longest {
+            // Those that have ended, or left the numbers, take part no more.
+            let goes_on = |place: &usize| chains[*place].is_some() && passed < stretches[*place].0.len();
+            let going: Vec<usize> = (0..stretches.len()).filter(goes_on).collect();
+            let starts: Vec<(usize, Vec<f64>)> = going
+                .iter()
+                .map(|place| {
+                    let (samples, start) = &stretches[*place];
+                    let last = chains[*place].as_ref().and_then(|chain| chain.last());
+                    (samples.start + passed, last.map_or_else(|| start.to_vec(), |step| step.next.clone()))
+                })
+                .collect();
+            let steps = self.steps_from::<W>(&starts, noise, finest, brake, drives);
+            for (place, step) in going.into_iter().zip(steps) {
+                match (&mut chains[place], step) {
+                    (Some(chain), Some(step)) => chain.push(step),
+                    (chain, _) => *chain = None,
+                }
+            }
         }
-        Some(steps)
+        chains
     }
 
     /// The steps from each of these samples to the next, each from states of its own, in two stretches: near
@@ -174,133 +190,84 @@ impl<'a> Linearisation<'a> {
         noise: &Noise,
         brake: &Brake,
     ) -> Option<Vec<LinearStep>> {
-        let q = variances(noise);
         let mut drives = Vec::new();
-        samples.map(|(k, start)| self.step_from(k, start.to_vec(), &q, 2, brake, &mut drives)).collect()
+        let starts: Vec<(usize, Vec<f64>)> = samples.map(|(k, start)| (k, start.to_vec())).collect();
+        let mut steps = Vec::with_capacity(starts.len());
+        for some in starts.chunks(WIDTH) {
+            for step in self.steps_from::<WIDTH>(some, noise, 2, brake, &mut drives) {
+                steps.push(step?);
+            }
+        }
+        Some(steps)
     }
 
-    /// The step from a sample to the next, in at most so many stretches. `drives` are what divisions of a
-    /// step are driven by, as far as they were needed.
-    fn step_from(
+    /// The steps from at most so many samples to the next side by side, each in at most so many stretches;
+    /// `None` of those that leave the numbers. `drives` are what divisions of a step are driven by, as far as
+    /// they were needed.
+    fn steps_from<const W: usize>(
         &self,
-        k: usize,
-        start: Vec<f64>,
-        q: &[f64],
+        starts: &[(usize, Vec<f64>)],
+        noise: &Noise,
         finest: usize,
         brake: &Brake,
         drives: &mut Vec<Drive>,
-    ) -> Option<LinearStep> {
-        let mut divided = |level: usize| {
+    ) -> Vec<Option<LinearStep>> {
+        let Some(last) = starts.len().checked_sub(1) else { return Vec::new() };
+        // Lanes more repeat the last sample.
+        let of_lane = |lane: usize| &starts[lane.min(last)];
+        let at: [usize; W] = std::array::from_fn(|lane| of_lane(lane).0);
+        let n = self.model.states().len();
+        let states: Vec<Lane<W>> =
+            (0..n).map(|state| Lane(std::array::from_fn(|lane| of_lane(lane).1[state]))).collect();
+        let divided = |level: usize, drives: &mut Vec<Drive>| {
             if drives.len() == level {
-                drives.push(Drive::new(&self.field, self.inputs, 2 << level));
+                drives.push(Drive::new(&self.flow.field, self.inputs, 2 << level));
             }
-            self.divided(&drives[level], k, 1 << level, &start, q, brake)
+            self.flow.divided(self.theta, noise, (&drives[level], at), 1 << level, &states, brake)
         };
-        let mut coarse = divided(0)?;
-        let mut best: Option<Flow> = None;
+        let mut coarse = divided(0, drives);
+        let mut best: Option<Flow<W>> = None;
+        let mut found: [Option<LaneFlow>; W] = std::array::from_fn(|_| None);
+        let mut done: [bool; W] = coarse.is_finite().map(|finite| !finite);
         for level in 1.. {
-            let fine = divided(level)?;
+            let fine = divided(level, drives);
             let next = fine.extrapolated(&coarse);
             let agree = best.as_ref().unwrap_or(&coarse).is_near(&next);
-            (coarse, best) = (fine, Some(next));
-            if agree || 1 << level >= finest {
-                break;
-            }
-        }
-        Some(self.step(k, start, best?))
-    }
-
-    /// What becomes of states and small changes over an interval that is divided into so many stretches.
-    fn divided(
-        &self,
-        drive: &Drive,
-        k: usize,
-        parts: usize,
-        start: &[f64],
-        q: &[f64],
-        brake: &Brake,
-    ) -> Option<Flow> {
-        let (n, m) = (start.len(), self.entering.len());
-        let whole = self.inputs.hours();
-        let hours = whole / parts as f64;
-        let mut registers = Registers::new(&self.field, self.theta, hours / 2.0);
-        let mut flow = Flow {
-            x: start.to_vec(),
-            a: (0..n * n).map(|place| f64::from(place / n == place % n)).collect(),
-            b: vec![0.0; n * m],
-            e: vec![0.0; n * m],
-            g: vec![0.0; n * n],
-            q: vec![0.0; n * n],
-        };
-        let mut scratch = vec![0.0; n * n];
-        let jacobian = |registers: &Registers<f64>| -> Vec<f64> {
-            (0..n * n).map(|place| registers.root(2 * n + place)).collect()
-        };
-        for part in 0..parts {
-            drive.feed(&mut registers, k, 2 * part);
-            registers.step(&flow.x);
-            let half = Transition::new(&jacobian(&registers), q, hours / 2.0, true, brake)?;
-            let moved = |i: usize, j: usize| {
-                half.psi[i * n + j] * registers.root(j) + half.ramp[i * n + j] * registers.root(n + j)
-            };
-            let middle: Vec<f64> =
-                (0..n).map(|i| flow.x[i] + (0..n).map(|j| moved(i, j)).sum::<f64>()).collect();
-            drive.feed(&mut registers, k, 2 * part + 1);
-            registers.step(&middle);
-            let slope = jacobian(&registers);
-            let step = Transition::new(&slope, q, hours, true, brake)?;
-            // The rate at the start of the stretch, by what is linearised in its middle.
-            let rate: Vec<f64> = (0..n)
-                .map(|i| {
-                    let back = (0..n).map(|j| slope[i * n + j] * (flow.x[j] - middle[j])).sum::<f64>();
-                    registers.root(i) + back - registers.root(n + i) * hours / 2.0
-                })
-                .collect();
-            let change = |i: usize, j: usize| {
-                step.psi[i * n + j] * rate[j] + step.ramp[i * n + j] * registers.root(n + j)
-            };
-            flow.x = (0..n).map(|i| flow.x[i] + (0..n).map(|j| change(i, j)).sum::<f64>()).collect();
-            let passed = part as f64 / parts as f64;
-            let through = |of: &[f64], i: usize, entrance: usize| -> f64 {
-                (0..n).map(|j| of[i * n + j] * registers.root(2 * n + n * n + j * m + entrance)).sum()
-            };
-            let (mut b, mut e) = (product(&step.phi, &flow.b, n, m), product(&step.phi, &flow.e, n, m));
-            for i in 0..n {
-                for (entrance, Entering { input, .. }) in self.entering.iter().enumerate() {
-                    let place = i * m + entrance;
-                    let held = through(&step.psi, i, entrance);
-                    match self.model.inputs()[*input].hold {
-                        InputHold::ZeroOrder => b[place] += held,
-                        InputHold::Linear => {
-                            let growing = through(&step.ramp, i, entrance) / whole;
-                            b[place] += held * (1.0 - passed) - growing;
-                            e[place] += held * passed + growing;
-                        }
-                    }
+            let finite = fine.is_finite();
+            for lane in 0..W {
+                let ends = !finite[lane] || agree[lane] || 1 << level >= finest;
+                if ends && !done[lane] {
+                    found[lane] = finite[lane].then(|| next.lane(lane));
+                    done[lane] = true;
                 }
             }
-            (flow.b, flow.e) = (b, e);
-            flow.a = product(&step.phi, &flow.a, n, n);
-            flow.g = product(&step.phi, &flow.g, n, n);
-            flow.g.iter_mut().zip(&step.psi).for_each(|(g, psi)| *g += psi);
-            propagate(&mut flow.q, &step.phi, &step.noise, &mut scratch, n);
+            if done.iter().all(|done| *done) {
+                break;
+            }
+            (coarse, best) = (fine, Some(next));
         }
-        flow.is_finite().then_some(flow)
+        let mut file = LaneFile::<W>::new(&self.observation);
+        file.load(&[self.theta], 0.0);
+        for (state, value) in states.iter().enumerate() {
+            *file.state(state) = value.0;
+        }
+        for (lane, k) in at.iter().enumerate() {
+            self.observation_drive.load_lane(&mut file, lane, *k, 0);
+        }
+        file.step();
+        let roots = self.observation.roots.len();
+        let observed = |lane: usize| -> Vec<f64> { (0..roots).map(|root| file.root(root)[lane]).collect() };
+        let lanes = starts.iter().zip(found).enumerate();
+        lanes.map(|(lane, ((k, states), flow))| Some(self.step(*k, states, flow?, &observed(lane)))).collect()
     }
 
-    /// The step that starts at sample `k`.
-    fn step(&self, k: usize, states: Vec<f64>, flow: Flow) -> LinearStep {
+    /// The step that starts at sample `k`; `observed` are the outputs there with their derivatives.
+    fn step(&self, k: usize, states: &[f64], flow: LaneFlow, observed: &[f64]) -> LinearStep {
         let (n, m) = (states.len(), self.entering.len());
-        let mut registers = Registers::new(&self.observation, self.theta, 0.0);
-        self.observation_drive.feed(&mut registers, k, 0);
-        registers.step(&states);
         let width = 1 + n + m;
         let rows = 0..self.model.outputs().len();
         let part = |from: usize, to: usize| -> Vec<f64> {
-            rows.clone()
-                .flat_map(|row| (from..to).map(move |place| row * width + place))
-                .map(|root| registers.root(root))
-                .collect()
+            rows.clone().flat_map(|row| observed[row * width + from..row * width + to].to_vec()).collect()
         };
         let (c, d) = (part(1, 1 + n), part(1 + n, width));
         let now: Vec<f64> = self.entering.iter().map(|one| self.value(*one, k as f64)).collect();
@@ -308,65 +275,16 @@ impl<'a> Linearisation<'a> {
         let of = |matrix: &[f64], row: usize, by: &[f64]| -> f64 {
             by.iter().enumerate().map(|(column, value)| matrix[row * by.len() + column] * value).sum()
         };
-        let offset = (0..n)
-            .map(|i| flow.x[i] - of(&flow.a, i, &states) - of(&flow.b, i, &now) - of(&flow.e, i, &then))
-            .collect();
-        let outputs: Vec<f64> = rows.clone().map(|row| registers.root(row * width)).collect();
-        let output_offset =
-            rows.clone().map(|row| outputs[row] - of(&c, row, &states) - of(&d, row, &now)).collect();
-        let Flow { x, a, b, e, g, q } = flow;
-        LinearStep { a, b, e, g, offset, q, c, d, output_offset, outputs, states, next: x }
+        let LaneFlow { x, a, b, e, g, q } = flow;
+        let offset =
+            (0..n).map(|i| x[i] - of(&a, i, states) - of(&b, i, &now) - of(&e, i, &then)).collect();
+        let outputs: Vec<f64> = rows.clone().map(|row| observed[row * width]).collect();
+        let output_offset = rows.map(|row| outputs[row] - of(&c, row, states) - of(&d, row, &now)).collect();
+        LinearStep { a, b, e, g, offset, q, c, d, output_offset, outputs, states: states.to_vec(), next: x }
     }
 
     /// What enters at a position that is counted in samples.
     pub fn value(&self, entering: Entering, position: f64) -> f64 {
         self.inputs.past(entering.input, position - entering.delay / self.inputs.hours())
     }
-}
-
-/// What an interval does to states and small changes.
-struct Flow {
-    x: Vec<f64>,
-    a: Vec<f64>,
-    b: Vec<f64>,
-    e: Vec<f64>,
-    g: Vec<f64>,
-    q: Vec<f64>,
-}
-
-impl Flow {
-    fn parts(&self) -> [&Vec<f64>; 6] {
-        [&self.x, &self.a, &self.b, &self.e, &self.g, &self.q]
-    }
-
-    fn is_finite(&self) -> bool {
-        self.parts().into_iter().flatten().all(|value| value.is_finite())
-    }
-
-    /// Richardson's extrapolation of a method of order two, from half as many stretches to endlessly many.
-    fn extrapolated(&self, coarse: &Self) -> Self {
-        let both = |fine: &[f64], coarse: &[f64]| -> Vec<f64> {
-            fine.iter().zip(coarse).map(|(fine, coarse)| fine + (fine - coarse) / 3.0).collect()
-        };
-        Self {
-            x: both(&self.x, &coarse.x),
-            a: both(&self.a, &coarse.a),
-            b: both(&self.b, &coarse.b),
-            e: both(&self.e, &coarse.e),
-            g: both(&self.g, &coarse.g),
-            q: both(&self.q, &coarse.q),
-        }
-    }
-
-    fn is_near(&self, other: &Self) -> bool {
-        self.parts().into_iter().zip(other.parts()).all(|(ours, theirs)| {
-            let largest = theirs.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
-            ours.iter().zip(theirs).all(|(a, b)| (a - b).abs() <= AGREED * largest)
-        })
-    }
-}
-
-/// The product of a square matrix with one of `m` columns.
-fn product(a: &[f64], b: &[f64], n: usize, m: usize) -> Vec<f64> {
-    (0..n * m).map(|place| (0..n).map(|k| a[place / m * n + k] * b[k * m + place % m]).sum()).collect()
 }

@@ -3,7 +3,7 @@
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
 //! candidates share, `lanes` evaluates the rest, `trajectory` walks the window and `run` says which way,
 //! `segment` walks stretches of it from states of their own, `kalman` filters it (`walk` is a filter on its
-//! way), `predict` goes on from there and `linearise` gives the matrices of every step.
+//! way), `predict` goes on from there and `linearise` gives the matrices of every step (`flow`).
 //!
 //! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients
 //! of `chebyshev`, `vectors` does the arithmetic of all lanes, `block` gives lanes to candidates.
@@ -18,6 +18,7 @@ mod chebyshev;
 mod delay_tests;
 pub mod drive;
 mod dual;
+mod flow;
 pub mod kalman;
 pub mod lanes;
 pub mod likelihood;

@@ -6,6 +6,7 @@
 //! positive.
 
 use super::dual::Entry;
+use super::lanes::Lane;
 use crate::interrupt::{Brake, Meter};
 
 /// Terms of the series where the step is exact and kept.
@@ -32,6 +33,45 @@ pub struct Transition<T> {
     power: Vec<T>,
     lyapunov: Vec<T>,
     scratch: Vec<T>,
+    /// The Jacobian, without those that no step can follow.
+    given: Vec<T>,
+}
+
+impl<const W: usize> Transition<Lane<W>> {
+    /// Becomes another step in each lane. One that no step can follow has no numbers, and takes no other
+    /// along.
+    #[inline(always)]
+    pub fn set_each(&mut self, a: &[Lane<W>], q: &[Lane<W>], hours: f64, exact: bool, brake: &Brake) {
+        let n = q.len();
+        let mut followed = [true; W];
+        for j in 0..n {
+            let mut sum = [0.0; W];
+            for i in 0..n {
+                for lane in 0..W {
+                    sum[lane] += a[i * n + j].0[lane].abs();
+                }
+            }
+            for lane in 0..W {
+                followed[lane] &= Self::follows(sum[lane] * hours);
+            }
+        }
+        let mut given = std::mem::take(&mut self.given);
+        for place in 0..n * n {
+            for lane in 0..W {
+                given[place].0[lane] = if followed[lane] { a[place].0[lane] } else { 0.0 };
+            }
+        }
+        self.set(&given, q, hours, exact, brake);
+        self.given = given;
+        for of in [&mut self.phi, &mut self.psi, &mut self.ramp, &mut self.noise] {
+            for place in 0..n * n {
+                for lane in 0..W {
+                    let entry = &mut of[place].0[lane];
+                    *entry = if followed[lane] { *entry } else { f64::NAN };
+                }
+            }
+        }
+    }
 }
 
 impl<T: Entry> Transition<T> {
@@ -46,13 +86,13 @@ impl<T: Entry> Transition<T> {
     /// Nothing yet, for so many states.
     pub fn empty(n: usize) -> Self {
         let zero = || vec![T::constant(0.0); n * n];
-        let [phi, psi, ramp, noise, power, lyapunov, scratch] = std::array::from_fn(|_| zero());
-        Self { phi, psi, ramp, noise, power, lyapunov, scratch }
+        let [phi, psi, ramp, noise, power, lyapunov, scratch, given] = std::array::from_fn(|_| zero());
+        Self { phi, psi, ramp, noise, power, lyapunov, scratch, given }
     }
 
     /// Whether a step can follow a Jacobian whose norm is this over it.
     #[inline(always)]
-    pub fn follows(norm: f64) -> bool {
+    fn follows(norm: f64) -> bool {
         norm <= NORM * 2f64.powi(DOUBLINGS as i32)
     }
 
@@ -81,7 +121,7 @@ impl<T: Entry> Transition<T> {
             (doublings, parts) = (doublings + 1, 2.0 * parts);
         }
         let mut time = hours / parts;
-        let Self { phi, psi, ramp, noise, power, lyapunov, scratch } = self;
+        let Self { phi, psi, ramp, noise, power, lyapunov, scratch, .. } = self;
         let nothing = T::constant(0.0);
         for of in [&mut *psi, &mut *ramp, &mut *noise, &mut *lyapunov] {
             of.fill(nothing);

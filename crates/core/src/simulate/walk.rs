@@ -242,31 +242,7 @@ impl<const W: usize> Kernel for Spread<'_, W> {
         let Self { anew, step, q, p, scratch } = self;
         let n = q.len();
         if let Some((jacobian, hours, brake)) = anew {
-            // A lane that no step can follow must not take the others along.
-            let mut followed = [true; W];
-            for j in 0..n {
-                let mut sum = [0.0; W];
-                for i in 0..n {
-                    for lane in 0..W {
-                        sum[lane] += jacobian[i * n + j].0[lane].abs();
-                    }
-                }
-                for lane in 0..W {
-                    followed[lane] &= Transition::<f64>::follows(sum[lane] * hours);
-                }
-            }
-            for place in 0..n * n {
-                for lane in 0..W {
-                    scratch[place].0[lane] = if followed[lane] { jacobian[place].0[lane] } else { 0.0 };
-                }
-            }
-            step.set(scratch, q, hours, false, brake);
-            for place in 0..n * n {
-                for lane in 0..W {
-                    let noise = &mut step.noise[place].0[lane];
-                    *noise = if followed[lane] { *noise } else { f64::NAN };
-                }
-            }
+            step.set_each(jacobian, q, hours, false, brake);
         }
         propagate(p, &step.phi, &step.noise, scratch, n);
     }
