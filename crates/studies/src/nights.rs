@@ -30,6 +30,11 @@ const DRAWN: i64 = 10;
 /// What is no worse.
 const NO_WORSE: f64 = 1.01;
 
+/// A room, night by night.
+struct WatchedRoom {
+    nights: Vec<Night>,
+}
+
 /// What a night took of one thread, in seconds.
 #[derive(Debug, Clone, Copy, Default)]
 struct Spent {
@@ -71,7 +76,7 @@ pub fn run(asked: &Worlds) -> Result<Vec<Row>, Failure> {
     Ok(rows(&rooms))
 }
 
-fn line(nights: &Vec<Night>) -> String {
+fn line(WatchedRoom { nights }: &WatchedRoom) -> String {
     let beside: Vec<f64> = nights.iter().filter_map(|night| Some(night.beside?[0])).collect();
     let local = nights.iter().filter(|night| night.is_local).count();
     let took: Vec<f64> = nights.iter().map(|night| 1e3 * night.spent.all()).collect();
@@ -98,7 +103,7 @@ fn failed(fault: impl std::fmt::Display) -> Failure {
     Failure::Error(fault.to_string())
 }
 
-fn room(seed: u64, level: Level) -> Result<Vec<Night>, Failure> {
+fn room(seed: u64, level: Level) -> Result<WatchedRoom, Failure> {
     let pool: ThreadPool = ThreadPoolBuilder::new().num_threads(1).build().map_err(failed)?;
     let days = (FITTED + NIGHTS) as usize;
     let request = WorldRequest { days, step_minutes: STEP, ..WorldRequest::new(seed, &[], level) };
@@ -131,7 +136,7 @@ fn room(seed: u64, level: Level) -> Result<Vec<Night>, Failure> {
             }
             nights.push(here);
         }
-        Ok(nights)
+        Ok(WatchedRoom { nights })
     })
 }
 
@@ -181,8 +186,8 @@ fn changed(made: &World, window: &Window, fit: &Fit) -> Result<(), Failure> {
     Ok(())
 }
 
-fn rows(rooms: &[Vec<Night>]) -> Vec<Row> {
-    let nights: Vec<&Night> = rooms.iter().flatten().collect();
+fn rows(rooms: &[WatchedRoom]) -> Vec<Row> {
+    let nights: Vec<&Night> = rooms.iter().flat_map(|room| &room.nights).collect();
     let median = |values: Vec<f64>, share: f64| {
         let mut values = values;
         values.sort_by(f64::total_cmp);
@@ -212,7 +217,8 @@ fn rows(rooms: &[Vec<Night>]) -> Vec<Row> {
         let what = format!("error {what} no more than 1 % above that of a search everywhere, nights");
         rows.extend(share(&what, &compared, |beside| beside[place] <= NO_WORSE));
     }
-    let last = |room: &Vec<Night>| room.iter().rev().find_map(|night| night.beside).map(|beside| beside[0]);
+    let last =
+        |room: &WatchedRoom| room.nights.iter().rev().find_map(|night| night.beside).map(|beside| beside[0]);
     rows.extend(
         share("rooms no worse in the last night compared", rooms, |room| {
             last(room).is_some_and(|ratio| ratio <= NO_WORSE)

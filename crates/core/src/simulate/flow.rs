@@ -88,7 +88,10 @@ impl FlowModel {
         for part in 0..parts {
             load(&mut file, 2 * part, &flow.x);
             let cpu = file.cpu();
-            dispatch(cpu, Half { file: &file, x: &flow.x, q: &q, hours: hours / 2.0, work: &mut work, brake });
+            dispatch(
+                cpu,
+                Half { file: &file, x: &flow.x, q: &q, hours: hours / 2.0, work: &mut work, brake },
+            );
             load(&mut file, 2 * part + 1, &work.middle);
             let passed = part as f64 / parts as f64;
             let (model, flow, work) = (self, &mut flow, &mut work);
@@ -188,8 +191,8 @@ impl<const W: usize> Kernel for Stretch<'_, '_, W> {
             for j in 0..n {
                 let change = file.root(n + j);
                 for lane in 0..W {
-                    x[i].0[lane] += psi[i * n + j].0[lane] * rate[j].0[lane]
-                        + ramp[i * n + j].0[lane] * change[lane];
+                    x[i].0[lane] +=
+                        psi[i * n + j].0[lane] * rate[j].0[lane] + ramp[i * n + j].0[lane] * change[lane];
                 }
             }
         }
@@ -290,10 +293,8 @@ impl<const W: usize> Flow<W> {
         for (ours, theirs) in self.parts().into_iter().zip(other.parts()) {
             for (lane, near) in near.iter_mut().enumerate() {
                 let largest = theirs.iter().fold(0.0, |largest: f64, value| largest.max(value.0[lane].abs()));
-                *near &= ours
-                    .iter()
-                    .zip(theirs)
-                    .all(|(a, b)| (a.0[lane] - b.0[lane]).abs() <= AGREED * largest);
+                *near &=
+                    ours.iter().zip(theirs).all(|(a, b)| (a.0[lane] - b.0[lane]).abs() <= AGREED * largest);
             }
         }
         near

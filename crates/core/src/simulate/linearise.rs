@@ -276,8 +276,7 @@ impl<'a> Linearisation<'a> {
             by.iter().enumerate().map(|(column, value)| matrix[row * by.len() + column] * value).sum()
         };
         let LaneFlow { x, a, b, e, g, q } = flow;
-        let offset =
-            (0..n).map(|i| x[i] - of(&a, i, states) - of(&b, i, &now) - of(&e, i, &then)).collect();
+        let offset = (0..n).map(|i| x[i] - of(&a, i, states) - of(&b, i, &now) - of(&e, i, &then)).collect();
         let outputs: Vec<f64> = rows.clone().map(|row| observed[row * width]).collect();
         let output_offset = rows.map(|row| outputs[row] - of(&c, row, states) - of(&d, row, &now)).collect();
         LinearStep { a, b, e, g, offset, q, c, d, output_offset, outputs, states: states.to_vec(), next: x }

@@ -177,8 +177,7 @@ impl<const W: usize> Walk<'_, W> {
     /// Takes the covariance over a sub-step of so many hours; there is none in lanes that no step can follow.
     fn spread(&mut self, hours: f64) {
         let Self { of, jacobian, step, slopes, q, p, scratch, .. } = self;
-        let is_same =
-            jacobian.iter().enumerate().all(|(place, entry)| entry.0 == *slopes.root(place));
+        let is_same = jacobian.iter().enumerate().all(|(place, entry)| entry.0 == *slopes.root(place));
         let anew = (!is_same).then(|| {
             jacobian.iter_mut().enumerate().for_each(|(place, entry)| *entry = Lane(*slopes.root(place)));
             (jacobian.as_slice(), hours, of.simulator.brake())

@@ -193,7 +193,8 @@ impl Whitened {
     /// What a unit more of each parameter that may change does to the innovations of some days where it comes
     /// with the first of them.
     pub fn directions(&self, days: Range<usize>) -> Vec<Vec<f64>> {
-        let (Some(first), Some(last)) = (self.days.get(days.start), self.days.get(days.end.wrapping_sub(1))) else {
+        let (Some(first), Some(last)) = (self.days.get(days.start), self.days.get(days.end.wrapping_sub(1)))
+        else {
             return vec![Vec::new(); self.parameters.len()];
         };
         let samples = first.start..last.end;
@@ -201,7 +202,8 @@ impl Whitened {
         for pushes in &self.pushes {
             let rows = dispatch(Cpu::detect(), Directions { of: self, pushes, samples: samples.clone() });
             let places = WIDTH.min(self.parameters.len() - directions.len());
-            directions.extend((0..places).map(|lane| rows.iter().map(|row| row.0[lane]).collect::<Vec<f64>>()));
+            directions
+                .extend((0..places).map(|lane| rows.iter().map(|row| row.0[lane]).collect::<Vec<f64>>()));
         }
         directions
     }

@@ -190,9 +190,7 @@ impl Kernel for Pass<'_> {
                 half[n * width + j] = fading;
                 half[(n + 1) * width + j] = p[(n + 1) * width + j];
             }
-            for i in 0..n {
-                x[i] = next[i];
-            }
+            x[..n].copy_from_slice(&next[..n]);
             for lane in 0..WIDTH {
                 x[n].0[lane] *= fades.0[lane];
             }
@@ -202,8 +200,7 @@ impl Kernel for Pass<'_> {
                     let added = if i < n { numbers[i * (2 * n + 2) + n + 2 + j] } else { 0.0 };
                     let mut sum = [added; WIDTH];
                     for lane in 0..WIDTH {
-                        sum[lane] +=
-                            row[n] * (half[i * width + n].0[lane] + half[i * width + n + 1].0[lane]);
+                        sum[lane] += row[n] * (half[i * width + n].0[lane] + half[i * width + n + 1].0[lane]);
                     }
                     for k in 0..n {
                         for lane in 0..WIDTH {

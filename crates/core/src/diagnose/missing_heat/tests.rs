@@ -1,9 +1,9 @@
 //! The missing heat of rooms whose hidden heat is known, and the smoother beside plain conditioning.
 
 use super::events::{events, habits};
+use super::guesses::Guess;
 use super::hours::{Hour, week};
 use super::record::{LinearRecord, MissingHeatAsked};
-use super::guesses::Guess;
 use super::smoother::smooth;
 use super::{MissingHeat, missing_heat};
 use crate::data::{ColumnBindings, HOUR, SplitRequest, Window, rfc3339};
