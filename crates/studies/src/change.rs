@@ -72,6 +72,12 @@ pub fn run(asked: &Worlds) -> Result<Vec<Row>, Failure> {
         .collect();
     let watched = judge_all(&worlds, |world| watch(*world), each.then_some(line))?;
     let mut rows = quiet(&watched);
+    let all: Vec<&Watched> = watched.iter().filter(|one| JUDGED.contains(&one.kind)).collect();
+    if !all.is_empty() {
+        let what = format!("either of {} x {FACTOR}: nights until told, median", JUDGED.join(", "));
+        let delays = delays(&all);
+        rows.push(Row::new(what, delays[delays.len() / 2], "nights").at_most(SOON));
+    }
     for kind in &KINDS[1..] {
         let these: Vec<&Watched> = watched.iter().filter(|one| one.kind == *kind).collect();
         if !these.is_empty() {
@@ -213,11 +219,17 @@ fn upper_bound(count: usize) -> f64 {
     high
 }
 
+/// Nights until a change was told, in order.
+fn delays(these: &[&Watched]) -> Vec<f64> {
+    let nights = |one: &&Watched| one.told.map_or(f64::INFINITY, |(nights, _)| nights as f64);
+    let mut delays: Vec<f64> = these.iter().map(nights).collect();
+    delays.sort_by(f64::total_cmp);
+    delays
+}
+
 fn stepped(kind: &str, these: &[&Watched]) -> Vec<Row> {
     let what = format!("{kind} x {FACTOR}");
-    let mut delays: Vec<f64> =
-        these.iter().map(|one| one.told.map_or(f64::INFINITY, |(nights, _)| nights as f64)).collect();
-    delays.sort_by(f64::total_cmp);
+    let delays = delays(these);
     let found: Vec<Told> = these.iter().filter_map(|one| Some(one.told?.1)).collect();
     let share = |holds: &dyn Fn(&Told) -> bool| {
         found.iter().filter(|told| holds(told)).count() as f64 / found.len().max(1) as f64

@@ -13,7 +13,7 @@ use crate::estimate::problem::prior::Prior;
 use crate::estimate::problem::request::{EstimateRequest, SearchExtent, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
 use crate::estimate::search::drive::{SearchResult, drive, evaluate, polish};
-use crate::estimate::search::near::{Unconvincing, near};
+use crate::estimate::search::near::{Unconvincing, as_promised, near};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
 use crate::optimise::{Candidate, Cost, Search};
@@ -22,6 +22,9 @@ use crate::optimise::{Candidate, Cost, Search};
 const FIXED_MAY_BE_WORSE: f64 = 1.02;
 /// Evaluations for a polish by least squares from a known point.
 const POLISH_EVALUATIONS: usize = 1500;
+/// Parameters that were fixed because the data did not determine them are free again where so much of the
+/// squared error is left then.
+const FREED: f64 = 0.98;
 /// How often the starts of the measured states are looked for.
 const MOST_STARTS: usize = 5;
 /// A start that is farther from its estimate, in deviations of that, is hardly where it was taken to be.
@@ -43,31 +46,30 @@ pub fn estimate(
     if let Method::Ctsm(options) = &request.method.method {
         return likelihood::estimate(problem, request, options, &warm, control);
     }
+    let watched = request.early_stopping.is_some_and(|rule| rule.validation);
     let known = incumbent.filter(|_| {
         request.search == SearchExtent::Local
             && request.start_from == StartFrom::Current
             && request.early_stopping.is_none()
     });
-    let everywhere = |problem: &Problem| search(problem, request, &warm, control);
-    let (problem, found) = match known {
-        None => sought(problem, everywhere, control)?,
-        Some(incumbent) => {
-            let next_to_it = |problem: &Problem| near(problem, incumbent, control);
-            match sought(&incumbent.as_determined(problem), next_to_it, control) {
-                Ok(found) => found,
-                Err(Unconvincing::Error(error)) => return Err(error),
-                Err(Unconvincing::Because(why, spent)) => {
-                    let (problem, mut found) = sought(problem, everywhere, control)?;
-                    found.evaluations += spent;
-                    found.remarks.push(format!("everywhere was searched: {why}"));
-                    (problem, found)
-                }
-            }
-        }
+    let everywhere = || {
+        let (problem, found) =
+            sought(problem, |problem: &Problem| search(problem, request, &warm, control), control)?;
+        refined(problem, found, watched, control)
     };
-    let watched = request.early_stopping.is_some_and(|rule| rule.validation);
-    let (problem, found, discretisation_error) = refine_step(problem, found, watched, control)?;
-    let (problem, mut found) = if watched { (problem, found) } else { refine_starts(problem, found) };
+    let (problem, mut found, discretisation_error) = match known {
+        None => everywhere()?,
+        Some(incumbent) => match next_to(problem, incumbent, control) {
+            Ok(found) => found,
+            Err(Unconvincing::Error(error)) => return Err(error),
+            Err(Unconvincing::Because(why, spent)) => {
+                let (problem, mut found, difference) = everywhere()?;
+                found.evaluations += spent;
+                found.remarks.push(format!("everywhere was searched: {why}"));
+                (problem, found, difference)
+            }
+        },
+    };
     let mut remarks: Vec<String> =
         problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
     remarks.append(&mut found.remarks);
@@ -81,8 +83,14 @@ pub fn estimate(
     let (problem, mut non_identifiable) =
         fix_unidentifiable(problem, &mut found, limits.unwrap_or_default(), &mut remarks, control)?;
     if let (Some(known), Searched::Local) = (known, found.searched) {
-        remarks.extend(known.undetermined_sentence());
-        non_identifiable.extend(known.undetermined.iter().cloned());
+        let fixed = known.still_undetermined(&problem, &non_identifiable);
+        if !fixed.is_empty() {
+            let names = fixed.join(", ");
+            remarks.push(format!(
+                "the data have not determined {names} before: fixed at the nominal value as they were"
+            ));
+        }
+        non_identifiable.extend(fixed);
     }
     let mut known = uncertainty(&problem, &found.theta);
     found.evaluations += known.evaluations;
@@ -96,6 +104,40 @@ pub fn estimate(
     let mut fit = report(&problem, request, found, &known, discretisation_error, remarks);
     fit.non_identifiable = non_identifiable;
     Ok(fit)
+}
+
+/// The optimum next to what is served, with the parameters fixed that the data have not determined before,
+/// unless they clearly do now; as good as what is served has promised.
+fn next_to(
+    problem: &Problem,
+    incumbent: &Incumbent,
+    control: &Control,
+) -> Result<(Problem, SearchResult, f64), Unconvincing> {
+    let near = |problem: &Problem| near(problem, incumbent, control);
+    let (mut at, mut found) = sought(&incumbent.as_determined(problem), near, control)?;
+    if !incumbent.undetermined.is_empty() {
+        let (all_free, free) = sought(problem, near, control)?;
+        let evaluations = found.evaluations + free.evaluations;
+        if free.cost < FREED * found.cost {
+            (at, found) = (all_free, free);
+        }
+        found.evaluations = evaluations;
+    }
+    let (at, found, difference) = refined(at, found, false, control)?;
+    as_promised(&at, &found, incumbent)?;
+    Ok((at, found, difference))
+}
+
+/// With steps that are short enough, and starts that are likely, unless the validation part has been watched.
+fn refined(
+    problem: Problem,
+    found: SearchResult,
+    watched: bool,
+    control: &Control,
+) -> Result<(Problem, SearchResult, f64), EstimateError> {
+    let (problem, found, difference) = refine_step(problem, found, watched, control)?;
+    let (problem, found) = if watched { (problem, found) } else { refine_starts(problem, found) };
+    Ok((problem, found, difference))
 }
 
 /// Searches, once more where a prior asks for it, and draws what was found to what is known beforehand.

@@ -8,7 +8,7 @@ use crate::model::expr::{Binary, Unary};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// What sums and products are made of: a number, with or without slopes, or one for each lane.
-pub trait Entry: Copy + Add<Output = Self> + Mul<Output = Self> {
+pub trait MatrixEntry: Copy + Add<Output = Self> + Mul<Output = Self> {
     /// A number that depends on nothing.
     fn constant(value: f64) -> Self;
     /// This number times one that depends on nothing.
@@ -18,14 +18,16 @@ pub trait Entry: Copy + Add<Output = Self> + Mul<Output = Self> {
 }
 
 /// A number, with or without slopes.
-pub trait Scalar: Entry + PartialEq + Sub<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
+pub trait Scalar:
+    MatrixEntry + PartialEq + Sub<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
     /// The number alone.
     fn value(self) -> f64;
     /// The value of a function of two numbers, with its slopes there.
     fn chain(a: Self, b: Self, value: f64, by_a: f64, by_b: f64) -> Self;
 }
 
-impl Entry for f64 {
+impl MatrixEntry for f64 {
     #[inline(always)]
     fn constant(value: f64) -> Self {
         value
@@ -84,7 +86,7 @@ impl<const W: usize> Dual<W> {
     }
 }
 
-impl<const W: usize> Entry for Dual<W> {
+impl<const W: usize> MatrixEntry for Dual<W> {
     #[inline(always)]
     fn constant(value: f64) -> Self {
         Self { value, slopes: [0.0; W] }

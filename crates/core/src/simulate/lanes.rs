@@ -4,7 +4,7 @@
 //! There is one interpreter, [`interpret`], written once and instantiated per instruction set. No fused
 //! multiply-add is used, so every CPU gives the same bits, and those of the canonical operations.
 
-use super::dual::Entry;
+use super::dual::MatrixEntry;
 use crate::model::expr::{Binary, Unary, select};
 use crate::model::math;
 use crate::model::tape::{Instruction, Pair, Tape};
@@ -42,7 +42,7 @@ impl<const W: usize> Mul for Lane<W> {
     }
 }
 
-impl<const W: usize> Entry for Lane<W> {
+impl<const W: usize> MatrixEntry for Lane<W> {
     #[inline(always)]
     fn constant(value: f64) -> Self {
         Self([value; W])

@@ -13,7 +13,7 @@
 //! measurement is passed over.
 
 use super::drive::{Drive, Inputs};
-use super::dual::{Dual, Entry, Scalar};
+use super::dual::{Dual, MatrixEntry, Scalar};
 use super::registers::Registers;
 use super::stepper::{field_tape, observation_tape};
 use super::trajectory::{MeasuredOutput, Simulator, diverged};

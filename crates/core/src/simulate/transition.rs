@@ -5,7 +5,7 @@
 //! inputs. The sums have no differences of large numbers, so a stiff system keeps its accuracy and Q stays
 //! positive.
 
-use super::dual::Entry;
+use super::dual::MatrixEntry;
 use super::lanes::Lane;
 use crate::interrupt::{Brake, Meter};
 
@@ -74,7 +74,7 @@ impl<const W: usize> Transition<Lane<W>> {
     }
 }
 
-impl<T: Entry> Transition<T> {
+impl<T: MatrixEntry> Transition<T> {
     /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour; an `exact` one
     /// has the integrals over the inputs as well. `None` where the Jacobian is not finite, or too large for
     /// any step.
@@ -179,7 +179,7 @@ impl<T: Entry> Transition<T> {
 }
 
 #[inline(always)]
-fn identity<T: Entry>(to: &mut [T], n: usize) {
+fn identity<T: MatrixEntry>(to: &mut [T], n: usize) {
     to.fill(T::constant(0.0));
     for i in 0..n {
         to[i * n + i] = T::constant(1.0);
@@ -187,21 +187,21 @@ fn identity<T: Entry>(to: &mut [T], n: usize) {
 }
 
 #[inline(always)]
-fn add<T: Entry>(to: &mut [T], what: &[T]) {
+fn add<T: MatrixEntry>(to: &mut [T], what: &[T]) {
     for place in 0..to.len() {
         to[place] = to[place] + what[place];
     }
 }
 
 #[inline(always)]
-fn add_scaled<T: Entry>(to: &mut [T], what: &[T], factor: f64) {
+fn add_scaled<T: MatrixEntry>(to: &mut [T], what: &[T], factor: f64) {
     for place in 0..to.len() {
         to[place] = to[place] + what[place].scaled(factor);
     }
 }
 
 #[inline(always)]
-fn multiply<T: Entry>(to: &mut [T], a: &[T], b: &[T], n: usize) {
+fn multiply<T: MatrixEntry>(to: &mut [T], a: &[T], b: &[T], n: usize) {
     // By rows of b: the same sums in the same order, and neighbours in memory one after the other.
     for i in 0..n {
         let row = &mut to[i * n..(i + 1) * n];
@@ -219,7 +219,7 @@ fn multiply<T: Entry>(to: &mut [T], a: &[T], b: &[T], n: usize) {
 
 /// Replaces the covariance P by `phi P phi' + noise`, symmetric to the last bit.
 #[inline(always)]
-pub fn propagate<T: Entry>(p: &mut [T], phi: &[T], noise: &[T], scratch: &mut [T], n: usize) {
+pub fn propagate<T: MatrixEntry>(p: &mut [T], phi: &[T], noise: &[T], scratch: &mut [T], n: usize) {
     multiply(scratch, phi, p, n);
     for i in 0..n {
         for j in 0..=i {

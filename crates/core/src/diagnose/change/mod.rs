@@ -31,7 +31,7 @@ use whitened::Whitened;
 
 /// A change of so many deviations is told. The largest of all parameters on all days of a year of nights, in
 /// synthetic rooms in which nothing changes, is from 3.2 to 4.3 in most (`lampyris bench change`).
-pub const THRESHOLD: f64 = 4.1;
+pub const THRESHOLD: f64 = 4.5;
 /// From so many deviations on the likeliest parameters are sought before anything is told.
 const NEAR: f64 = 3.5;
 /// A record of so many days is looked at: long enough to know how it was before, and short beside a season.

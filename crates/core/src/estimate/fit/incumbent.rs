@@ -62,11 +62,13 @@ impl Incumbent {
         if fixed.is_empty() { problem.clone() } else { problem.with_fixed(&fixed) }
     }
 
-    /// That some parameters stay fixed, where there are any.
-    pub fn undetermined_sentence(&self) -> Option<String> {
-        let names = self.undetermined.join(", ");
-        (!names.is_empty()).then(|| {
-            format!("the data have not determined {names} before: fixed at the nominal value as they were")
-        })
+    /// Those of the parameters that the data did not determine which are fixed in a problem still, but for
+    /// some that are known.
+    pub fn still_undetermined(&self, problem: &Problem, known: &[String]) -> Vec<String> {
+        let is_free = |name: &String| {
+            problem.free().iter().any(|index| problem.model().parameters()[*index].name == *name)
+        };
+        let fixed = self.undetermined.iter().filter(|name| !is_free(name) && !known.contains(name));
+        fixed.cloned().collect()
     }
 }

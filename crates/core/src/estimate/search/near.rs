@@ -30,10 +30,10 @@ impl From<EstimateError> for Unconvincing {
     }
 }
 
-/// The optimum next to the served parameters, where it is as good as they promise.
+/// The optimum next to the served parameters.
 ///
 /// # Errors
-/// Why it is not, or [`EstimateError::Interrupted`].
+/// That there is none, or [`EstimateError::Interrupted`].
 pub(in crate::estimate) fn near(
     problem: &Problem,
     incumbent: &Incumbent,
@@ -43,14 +43,26 @@ pub(in crate::estimate) fn near(
         let why = "the served parameters lead nowhere on these days";
         return Err(Unconvincing::Because(why.to_owned(), EVALUATIONS));
     };
+    let stop = if found.stop == Stop::Budget { Stop::Budget } else { Stop::Converged };
+    Ok(SearchResult { stop, searched: Searched::Local, ..found })
+}
+
+/// Whether what was found next to the served parameters errs by no more than those have promised.
+///
+/// # Errors
+/// By how much more, or that nothing is promised.
+pub(in crate::estimate) fn as_promised(
+    problem: &Problem,
+    found: &SearchResult,
+    incumbent: &Incumbent,
+) -> Result<(), Unconvincing> {
     let run = problem.simulate(&found.theta);
-    let evaluations = found.evaluations + 1;
     for (output, document) in problem.model().outputs().iter().enumerate() {
         let channel = &document.channel;
         let error = problem.mean_square_error(&run, output, problem.split().train.clone()).map(f64::sqrt);
         let (Some(error), Some(promised)) = (error, incumbent.errors.get(channel)) else {
             let why = format!("what the served parameters err by in {channel} is not known");
-            return Err(Unconvincing::Because(why, evaluations));
+            return Err(Unconvincing::Because(why, found.evaluations));
         };
         if error > AS_THEY_DID * promised {
             let more = 100.0 * (error / promised - 1.0);
@@ -58,9 +70,8 @@ pub(in crate::estimate) fn near(
                 "next to the served parameters the error of {channel} is {more:.0} % above what it was over \
                  their own days"
             );
-            return Err(Unconvincing::Because(why, evaluations));
+            return Err(Unconvincing::Because(why, found.evaluations));
         }
     }
-    let stop = if found.stop == Stop::Budget { Stop::Budget } else { Stop::Converged };
-    Ok(SearchResult { evaluations, stop, searched: Searched::Local, ..found })
+    Ok(())
 }
