@@ -47,8 +47,9 @@ pub fn estimate(
         return likelihood::estimate(problem, request, options, &warm, control);
     }
     let watched = request.early_stopping.is_some_and(|rule| rule.validation);
-    let known = incumbent.filter(|_| {
+    let known = incumbent.filter(|incumbent| {
         request.search == SearchExtent::Local
+            && incumbent.is_of(problem)
             && request.start_from == StartFrom::Current
             && request.early_stopping.is_none()
     });

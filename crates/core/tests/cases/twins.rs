@@ -92,12 +92,17 @@ fn a_night_begins_at_what_is_served_and_looks_everywhere_where_that_disappoints(
     let found = night(&served);
     assert_eq!(found.searched, Some(Searched::Global));
     assert!(found.remarks.iter().any(|remark| remark.starts_with("everywhere was searched")), "{found:?}");
-    // What the data have not determined stays as it is, and is told again.
-    served.undetermined = vec!["alpha_e".to_owned()];
+    // What the data have not determined stays as it is, and what they do is free again.
     served.errors.values_mut().for_each(|error| *error *= 2.0);
-    let found = night(&served);
-    assert_eq!((found.searched, found.non_identifiable), (Some(Searched::Local), served.undetermined));
-    assert!(found.parameters["alpha_e"].fixed);
+    for (name, stays) in [("alpha_e", true), ("alpha_a", false)] {
+        served.undetermined = vec![name.to_owned()];
+        let found = night(&served);
+        assert_eq!(found.searched, Some(Searched::Local), "{:?}", found.remarks);
+        assert_eq!((found.parameters[name].fixed, found.non_identifiable.len()), (stays, usize::from(stays)));
+    }
+    // Parameters of another model are no place to begin at.
+    served.theta.shift_remove("alpha_e");
+    assert_eq!(night(&served).searched, Some(Searched::Global));
 }
 
 #[test]

@@ -46,6 +46,13 @@ impl Incumbent {
         Self { model, theta, levels, errors, undetermined: Vec::new(), limits: Vec::new() }
     }
 
+    /// Whether they are parameters of the model of a problem, all of them.
+    pub fn is_of(&self, problem: &Problem) -> bool {
+        let model = problem.model();
+        let mut names = model.parameters().iter().map(|parameter| &parameter.name);
+        self.model == *model.id() && names.all(|name| self.theta.contains_key(name))
+    }
+
     /// The full parameter vector of a problem, whose own values stand where it is not known.
     pub fn on(&self, problem: &Problem) -> Vec<f64> {
         let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
