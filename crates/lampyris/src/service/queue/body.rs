@@ -125,7 +125,7 @@ impl ToSchema for JobBody {
 mod tests {
     use super::*;
     use lampyris_core::data::Duration;
-    use lampyris_core::estimate::problem::request::Criterion;
+    use lampyris_core::estimate::problem::request::{Criterion, SearchExtent};
     use std::collections::BTreeSet;
 
     #[test]
@@ -137,6 +137,7 @@ mod tests {
             delta,
             accusation_rate,
             criterion: Criterion::Lrt,
+            search: SearchExtent::Local,
             step: Some(Duration::from_hours(1)),
             ..EstimateRequest::default()
         };
