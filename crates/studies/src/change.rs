@@ -3,10 +3,10 @@
 
 use super::options::Worlds;
 use super::row::Row;
-use super::twin_room::{TwinRoom, measured, twin_room};
+use super::twin_room::{TwinRoom, measured, twin_room, whole};
 use super::verdicts::judge_all;
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{DAY, Duration, SplitRequest, read_time};
+use lampyris_core::data::{DAY, SplitRequest, read_time};
 use lampyris_core::diagnose::change::{ChangeRecord, THRESHOLD, WINDOW_DAYS, settled};
 use lampyris_core::estimate::fit::parameter_change::ParameterChange;
 use lampyris_core::estimate::{Control, estimate};
@@ -106,9 +106,9 @@ fn watch((seed, kind, level): (u64, &'static str, Level)) -> Result<Watched, Fai
     let weeks = window
         .slice(window.from(), window.from() + WINDOW_DAYS as i64 * DAY)
         .map_err(|found| faults(&found))?;
-    let weeks = twin_room(&made, &weeks, "room3", whole(WINDOW_DAYS))?.problem;
+    let weeks = twin_room(&made, &weeks, "room3", whole(WINDOW_DAYS + 1))?.problem;
     let theta = settled(&weeks, &fit.theta()).map_err(|fault| Failure::Error(fault.to_string()))?;
-    let problem = twin_room(&made, &window, "room3", whole(days))?.problem;
+    let problem = twin_room(&made, &window, "room3", whole(days + 1))?.problem;
     let record = ChangeRecord::new(&problem, &theta, WINDOW_DAYS)
         .map_err(|fault| Failure::Error(fault.to_string()))?;
     let mut seen = Watched { kind, level, nights: 0, false_alarms: 0, largest: 0.0, told: None };
@@ -132,12 +132,6 @@ fn watch((seed, kind, level): (u64, &'static str, Level)) -> Result<Watched, Fai
         }
     }
     Ok(seen)
-}
-
-/// All of so many days, as a record that nothing is fitted to.
-fn whole(days: usize) -> SplitRequest {
-    let train = Duration::from_days(days as i64 + 1);
-    SplitRequest { train, validation: Duration::from_days(0), test: None }
 }
 
 /// The days that a night looks at.

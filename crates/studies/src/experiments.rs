@@ -3,10 +3,10 @@
 
 use super::options::Worlds;
 use super::row::Row;
-use super::twin_room::{measured, twin_room};
+use super::twin_room::{measured, twin_room, whole};
 use super::verdicts::{judge_all, share};
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{DAY, Duration, SplitRequest};
+use lampyris_core::data::DAY;
 use lampyris_core::diagnose::experiment::information::Knowledge;
 use lampyris_core::diagnose::experiment::{
     ComfortBounds, DrivenInput, Experiment, ExperimentAsked, ExperimentPlan, ExperimentPurpose, experiment,
@@ -161,9 +161,7 @@ fn problem(made: &World, model: &str, days: usize) -> Result<Problem, Failure> {
     let window = measured(made)?;
     let window =
         window.slice(window.from(), window.from() + days as i64 * DAY).map_err(|found| faults(&found))?;
-    let nothing = Duration::from_seconds(0);
-    let split = SplitRequest { train: Duration::from_days(days as i64), validation: nothing, test: None };
-    Ok(twin_room(made, &window, model, split)?.problem)
+    Ok(twin_room(made, &window, model, whole(days))?.problem)
 }
 
 /// What whoever lives there would ask for: the middle of the last week, and some kelvins around it.

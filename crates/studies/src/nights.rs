@@ -3,7 +3,7 @@
 
 use super::options::Worlds;
 use super::row::Row;
-use super::twin_room::{TwinRoom, measured, twin_room};
+use super::twin_room::{TwinRoom, measured, twin_room, whole};
 use super::verdicts::{judge_all, share};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{DAY, SplitRequest, Window};
@@ -12,7 +12,7 @@ use lampyris_core::estimate::assess::regimes::with_worst_regime;
 use lampyris_core::estimate::fit::Searched;
 use lampyris_core::estimate::problem::request::SearchExtent;
 use lampyris_core::estimate::{
-    Control, EstimateRequest, Fit, GatePolicy, Incumbent, Past, Problem, Verdict, estimate, validate,
+    Control, EstimateRequest, Fit, GatePolicy, Incumbent, Past, Verdict, estimate, validate,
 };
 use lampyris_core::twin::{Level, World, WorldRequest, world};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -176,12 +176,7 @@ fn a_night(
 fn changed(made: &World, window: &Window, fit: &Fit) -> Result<(), Failure> {
     let weeks =
         window.slice(window.to() - WINDOW_DAYS as i64 * DAY, window.to()).map_err(|found| faults(&found))?;
-    let whole = SplitRequest {
-        train: lampyris_core::data::Duration::from_days(WINDOW_DAYS as i64),
-        validation: lampyris_core::data::Duration::default(),
-        test: None,
-    };
-    let problem: Problem = twin_room(made, &weeks, "room3", whole)?.problem;
+    let problem = twin_room(made, &weeks, "room3", whole(WINDOW_DAYS))?.problem;
     let _ = changes(&fit.simulated(&problem), &fit.theta());
     Ok(())
 }

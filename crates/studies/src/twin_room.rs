@@ -1,7 +1,7 @@
 //! A synthetic room as whoever fits it has it: what was measured, where it stands, and its problem.
 
 use lampyris::cli::{Failure, faults};
-use lampyris_core::data::{ColumnBindings, SplitRequest, Window};
+use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window};
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::World;
@@ -19,6 +19,12 @@ pub fn measured(made: &World) -> Result<Window, Failure> {
     let (window, _) =
         Window::parse_csv(&made.csv, &ColumnBindings::none()).map_err(|found| faults(&found))?;
     Ok(window)
+}
+
+/// All of so many days to learn from: nothing is left to judge by.
+pub fn whole(days: usize) -> SplitRequest {
+    let train = Duration::from_days(days as i64);
+    SplitRequest { train, validation: Duration::default(), test: None }
 }
 
 /// The problem of a model on some of it.

@@ -12,7 +12,7 @@ use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::prior::Prior;
 use crate::estimate::problem::request::{EstimateRequest, SearchExtent, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
-use crate::estimate::search::drive::{SearchResult, drive, evaluate, polish};
+use crate::estimate::search::drive::{POLISH_EVALUATIONS, SearchResult, drive, evaluate, polish};
 use crate::estimate::search::near::{Unconvincing, as_promised, near};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
@@ -20,8 +20,6 @@ use crate::optimise::{Candidate, Cost, Search};
 
 /// A fit with a parameter fixed may be this much worse on the hold-out before the parameter counts.
 const FIXED_MAY_BE_WORSE: f64 = 1.02;
-/// Evaluations for a polish by least squares from a known point.
-const POLISH_EVALUATIONS: usize = 1500;
 /// Parameters that were fixed because the data did not determine them are free again where so much of the
 /// squared error is left then.
 const FREED: f64 = 0.98;

@@ -110,6 +110,18 @@ struct Work<const W: usize> {
     scratch: Vec<Lane<W>>,
 }
 
+impl<const W: usize> Work<W> {
+    /// Takes the Jacobian where the equations were evaluated, and its exact step.
+    #[inline(always)]
+    fn step_by(&mut self, file: &LaneFile<W>, q: &[Lane<W>], hours: f64, brake: &Brake) {
+        let n = q.len();
+        for place in 0..n * n {
+            self.slope[place] = Lane(*file.root(2 * n + place));
+        }
+        self.step.set_each(&self.slope, q, hours, true, brake);
+    }
+}
+
 /// The states in the middle of a stretch, by what is linearised at its start.
 struct Half<'a, 't, const W: usize> {
     file: &'a LaneFile<'t, W>,
@@ -126,12 +138,9 @@ impl<const W: usize> Kernel for Half<'_, '_, W> {
     #[inline(always)]
     fn run(self) {
         let Self { file, x, q, hours, work, brake } = self;
-        let Work { slope, step, middle, .. } = work;
+        work.step_by(file, q, hours, brake);
+        let Work { step, middle, .. } = work;
         let n = x.len();
-        for place in 0..n * n {
-            slope[place] = Lane(*file.root(2 * n + place));
-        }
-        step.set_each(slope, q, hours, true, brake);
         for i in 0..n {
             let mut moved = x[i];
             for j in 0..n {
@@ -166,12 +175,9 @@ impl<const W: usize> Kernel for Stretch<'_, '_, W> {
     fn run(self) {
         let Self { model, file, flow, q, hours, passed, work, brake } = self;
         let Flow { x, a, b, e, g, q: covariance } = flow;
+        work.step_by(file, q, hours, brake);
         let Work { slope, step, middle, rate, scratch } = work;
         let (n, m) = (x.len(), model.held.len());
-        for place in 0..n * n {
-            slope[place] = Lane(*file.root(2 * n + place));
-        }
-        step.set_each(slope, q, hours, true, brake);
         let Transition { phi, psi, ramp, noise, .. } = &*step;
         // The rate at the start of the stretch.
         for i in 0..n {

@@ -3,13 +3,10 @@
 //! Extended form: the mean goes through the model's own stepper, the covariance through the linearised model
 //! (`transition`), so that the filter is exact for linear models. Behind a gap in the inputs it starts again.
 
-use super::drive::Inputs;
 use super::lanes::{LANES, Lane, LaneFile};
-use super::trajectory::{MeasuredOutput, Simulator};
-pub use super::walk::Noise;
-use super::walk::{FilterModel, Walk};
+use super::walk::Walk;
+pub use super::walk::{Kalman, Noise};
 use crate::interrupt::Meter;
-use crate::model::Model;
 use rayon::prelude::*;
 
 /// Noises that are tried side by side, and how often: the second time between the neighbours of the best.
@@ -35,31 +32,17 @@ pub struct Filtered {
     pub reached: usize,
 }
 
-/// A Kalman filter for one model on one window.
-#[derive(Debug, Clone)]
-pub struct Kalman<'a>(pub(super) FilterModel<'a>);
-
-impl<'a> Kalman<'a> {
-    /// A filter for the model that `simulator` was made from.
-    pub fn new(
-        model: &Model,
-        simulator: &'a Simulator,
-        inputs: &Inputs,
-        measured: &[MeasuredOutput<'a>],
-    ) -> Self {
-        Self(FilterModel::new(model, simulator, inputs, measured))
-    }
-
+impl Kalman<'_> {
     /// The last of samples `0..until` that the inputs lead to. An output may be ahead of an input, such as
     /// the weather, and what is hidden is not thrown away for that.
     pub fn reached(&self, until: usize) -> usize {
-        let known = &self.0.known;
+        let known = &self.known;
         (1..until.min(known.len())).rev().find(|k| known[k - 1]).unwrap_or(0)
     }
 
     /// Filters samples `0..until`.
     pub fn filter(&self, theta: &[f64], noise: &Noise, until: usize) -> Filtered {
-        let outputs = self.0.measured.len();
+        let outputs = self.measured.len();
         let mut found = Filtered {
             states: Vec::with_capacity(until),
             deviations: Vec::with_capacity(until),
@@ -68,7 +51,7 @@ impl<'a> Kalman<'a> {
             covariance: Vec::new(),
             reached: self.reached(until),
         };
-        let mut walk = self.0.walk::<1>(&[theta], std::slice::from_ref(noise));
+        let mut walk = self.walk::<1>(&[theta], std::slice::from_ref(noise));
         let mut likelihood = [0.0];
         self.pass(until, &mut walk, &mut likelihood, |walk, innovations| {
             let n = walk.x.len();
@@ -92,7 +75,7 @@ impl<'a> Kalman<'a> {
         likelihood: &mut [f64; W],
         mut keep: impl FnMut(&Walk<'_, W>, &[Option<Lane<W>>]),
     ) {
-        let FilterModel { known, measured, .. } = &self.0;
+        let Kalman { known, measured, .. } = self;
         let reached = self.reached(until);
         let mut innovations = vec![None; measured.len()];
         for k in 0..until.min(known.len()) {
@@ -126,11 +109,11 @@ impl<'a> Kalman<'a> {
     pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
         let likelihoods = |logarithms: &[f64; TRIED]| -> [f64; TRIED] {
             let noise = |logarithm: &f64| Noise {
-                process: vec![logarithm.exp(); self.0.initial.len()],
+                process: vec![logarithm.exp(); self.initial.len()],
                 measurement: measurement.to_vec(),
             };
             let noises: Vec<Noise> = logarithms.iter().map(noise).collect();
-            let mut walk = self.0.walk::<TRIED>(&[theta], &noises);
+            let mut walk = self.walk::<TRIED>(&[theta], &noises);
             let mut found = [0.0; TRIED];
             self.pass(until, &mut walk, &mut found, |_, _| ());
             found.map(|likelihood| if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY })
@@ -189,7 +172,7 @@ impl<'a> Kalman<'a> {
         origins: &[usize],
         leads: &[usize],
     ) -> Vec<Vec<Vec<Option<f64>>>> {
-        let outputs = self.0.measured.len();
+        let outputs = self.measured.len();
         let block = |block: &[usize]| {
             let mut forecasts = vec![vec![None; outputs * leads.len()]; block.len()];
             self.forecast_block(theta, filtered, block, leads, |lane, lead, output, value| {
@@ -214,8 +197,8 @@ impl<'a> Kalman<'a> {
         leads: &[usize],
         mut keep: impl FnMut(usize, usize, usize, Option<f64>),
     ) {
-        let (step_tape, drive, substeps, hours) = self.0.simulator.step_parts();
-        let (output_tape, output_drive) = self.0.simulator.output_parts();
+        let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
+        let (output_tape, output_drive) = self.simulator.output_parts();
         let mut file = LaneFile::<LANES>::new(step_tape);
         file.load(&[theta], hours);
         let mut out = LaneFile::<LANES>::new(output_tape);
@@ -223,12 +206,12 @@ impl<'a> Kalman<'a> {
         let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else { return };
         let Some(longest) = leads.iter().max() else { return };
         let mut alive = vec![false; origins.len()];
-        let mut meter = Meter::new(&self.0.simulator.brake);
+        let mut meter = Meter::new(&self.simulator.brake);
         let work = LANES * (substeps * step_tape.step.len() + output_tape.step.len());
-        for k in *first..=(last + longest).min(self.0.known.len() - 1) {
+        for k in *first..=(last + longest).min(self.known.len() - 1) {
             meter.add(work);
             if k > *first {
-                if self.0.known[k - 1] {
+                if self.known[k - 1] {
                     for step in 0..substeps {
                         drive.load(&mut file, k - 1, step);
                         file.step();
@@ -246,7 +229,7 @@ impl<'a> Kalman<'a> {
                     }
                 }
             }
-            for state in 0..self.0.initial.len() {
+            for state in 0..self.initial.len() {
                 *out.state(state) = *file.state(state);
             }
             output_drive.load(&mut out, k, 0);
@@ -255,7 +238,7 @@ impl<'a> Kalman<'a> {
                 origins.iter().enumerate().filter(|(lane, origin)| alive[*lane] && k >= **origin)
             {
                 if let Ok(lead) = leads.binary_search(&(k - origin)) {
-                    for output in 0..self.0.measured.len() {
+                    for output in 0..self.measured.len() {
                         let value = out.root(output)[lane];
                         keep(lane, lead, output, value.is_finite().then_some(value));
                     }
@@ -280,10 +263,11 @@ fn vertex(before: (f64, f64), at: (f64, f64), behind: (f64, f64)) -> Option<f64>
 
 #[cfg(test)]
 mod tests {
+    use super::super::drive::Inputs;
+    use super::super::trajectory::{MeasuredOutput, Simulator};
     use super::*;
-    use crate::model::Stepper;
     use crate::model::document::ModelDocument;
-    use crate::model::{Bindings, Catalogue, compile};
+    use crate::model::{Bindings, Catalogue, Model, Stepper, compile};
 
     const A: f64 = 0.6;
 

@@ -46,7 +46,7 @@ pub struct Advanced {
 impl Kalman<'_> {
     /// A filter that goes on from what is believed.
     fn believing(&self, theta: &[f64], noise: &Noise, belief: &Belief) -> Walk<'_, 1> {
-        let mut walk = self.0.walk::<1>(&[theta], std::slice::from_ref(noise));
+        let mut walk = self.walk::<1>(&[theta], std::slice::from_ref(noise));
         walk.x.iter_mut().zip(&belief.states).for_each(|(to, value)| *to = Lane([*value]));
         walk.p.iter_mut().zip(&belief.covariance).for_each(|(to, value)| *to = Lane([*value]));
         walk
@@ -80,9 +80,9 @@ impl Kalman<'_> {
         let alone = |(value, variance): (Lane<1>, Lane<1>)| (value.0[0], variance.0[0]);
         let mut walk = self.believing(theta, noise, belief);
         let mut found = Prediction::default();
-        for k in first..self.0.known.len() {
+        for k in first..self.known.len() {
             if k > first {
-                if !self.0.known[k - 1] {
+                if !self.known[k - 1] {
                     break;
                 }
                 walk.advance(k - 1);

@@ -22,13 +22,13 @@ pub struct Noise {
     pub measurement: Vec<f64>,
 }
 
-/// What a filter goes by: a model on a window.
+/// A Kalman filter for one model on one window.
 #[derive(Debug, Clone)]
-pub(super) struct FilterModel<'a> {
-    pub simulator: &'a Simulator,
-    pub initial: Vec<Initial>,
-    pub measured: Vec<MeasuredOutput<'a>>,
-    pub known: Vec<bool>,
+pub struct Kalman<'a> {
+    pub(super) simulator: &'a Simulator,
+    pub(super) initial: Vec<Initial>,
+    pub(super) measured: Vec<MeasuredOutput<'a>>,
+    pub(super) known: Vec<bool>,
     /// The derivatives of the equations by the states, row by row.
     jacobian: Tape,
     jacobian_drive: Drive,
@@ -39,7 +39,7 @@ pub(super) struct FilterModel<'a> {
 
 /// A filter on its way. Matrices by rows.
 pub(super) struct Walk<'a, const W: usize> {
-    of: &'a FilterModel<'a>,
+    of: &'a Kalman<'a>,
     /// The mean of the states.
     pub x: Vec<Lane<W>>,
     /// Their covariance.
@@ -60,7 +60,8 @@ pub(super) struct Walk<'a, const W: usize> {
     meter: Meter<'a>,
 }
 
-impl<'a> FilterModel<'a> {
+impl<'a> Kalman<'a> {
+    /// A filter for the model that `simulator` was made from.
     pub fn new(
         model: &Model,
         simulator: &'a Simulator,
@@ -83,7 +84,7 @@ impl<'a> FilterModel<'a> {
 
     /// A filter that has not begun: a lane for each noise, with the parameters of that place or the last
     /// ones. Lanes more repeat the last one.
-    pub fn walk<const W: usize>(&self, thetas: &[&[f64]], noises: &[Noise]) -> Walk<'_, W> {
+    pub(super) fn walk<const W: usize>(&self, thetas: &[&[f64]], noises: &[Noise]) -> Walk<'_, W> {
         let (n, outputs) = (self.initial.len(), self.measured.len());
         let (step_tape, _, _, hours) = self.simulator.step_parts();
         fn loaded<'t, const W: usize>(tape: &'t Tape, thetas: &[&[f64]], hours: f64) -> LaneFile<'t, W> {

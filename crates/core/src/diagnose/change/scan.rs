@@ -75,9 +75,8 @@ impl Scan {
                 }),
             }
         };
-        let changing = |from: usize, series: &[f64]| -> Vec<Changing> {
-            let until = (from + longest).min(days);
-            let first = record.rows(from..until).start;
+        let changing = |stretch: Range<usize>, series: &[f64]| -> Vec<Changing> {
+            let first = record.rows(stretch.clone()).start;
             let of_day = |day: usize| {
                 let rows = rows(day);
                 let own = &series[rows.start - first..rows.end - first];
@@ -87,7 +86,7 @@ impl Scan {
                     square: dot(own, own),
                 }
             };
-            (from..until).map(of_day).collect()
+            stretch.map(of_day).collect()
         };
         Self {
             reaches: record.reaches.clone(),
@@ -95,8 +94,9 @@ impl Scan {
             changing: (0..days)
                 .into_par_iter()
                 .map(|day| {
-                    let series = record.directions(day..(day + longest).min(days));
-                    series.iter().map(|series| changing(day, series)).collect()
+                    let stretch = day..(day + longest).min(days);
+                    let series = record.directions(stretch.clone());
+                    series.iter().map(|series| changing(stretch.clone(), series)).collect()
                 })
                 .collect(),
         }

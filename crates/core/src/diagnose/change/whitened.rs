@@ -8,7 +8,7 @@
 
 use crate::data::DAY;
 use crate::diagnose::missing_heat::record::{LinearRecord, MissingHeatAsked};
-use crate::diagnose::missing_heat::smoother::{self, likeliest, passed};
+use crate::diagnose::missing_heat::smoother::{likeliest, passed};
 use crate::estimate::Problem;
 use crate::estimate::assess::metrics::filter;
 use crate::estimate::segments::is_start;
@@ -82,13 +82,13 @@ impl Whitened {
         let record = LinearRecord::new(&asked, &along)?;
         let begin = asked.begin();
         let guess = likeliest(&record, begin, begin, problem.brake());
-        let likelihood = smoother::likelihood(&record, guess);
+        let (passed, likelihood) = passed(&record, guess);
         // What is summed up over an hour for the missing heat plays no part.
         let width = record.width() - 1;
         let mut innovations = Vec::new();
         let mut first_row = vec![0];
         let mut samples = Vec::new();
-        for sample in passed(&record, guess) {
+        for sample in passed {
             let values = sample.updates.iter().map(|update| {
                 innovations.push(update.innovation / update.variance.sqrt());
                 Value {

@@ -40,21 +40,9 @@ pub(in crate::diagnose) struct Sample {
     pub step: Option<DMatrix<f64>>,
 }
 
-/// The logarithm of the likelihood of the record, without its constant.
-pub(in crate::diagnose) fn likelihood(record: &LinearRecord, guess: Guess) -> f64 {
-    filter(record, guess, None)
-}
-
-/// Every sample of the filter's pass.
-pub(in crate::diagnose) fn passed(record: &LinearRecord, guess: Guess) -> Vec<Sample> {
-    let mut samples = Vec::with_capacity(record.readings.len());
-    filter(record, guess, Some(&mut samples));
-    samples
-}
-
 /// Everything that is sought at each sample, given all of the record.
 pub(super) fn smooth(record: &LinearRecord, guess: Guess) -> Vec<Smoothed> {
-    let samples = passed(record, guess);
+    let (samples, _) = passed(record, guess);
     let width = record.width();
     // What all later values say: the gradient and the curvature of minus the logarithm of their likelihood.
     let mut slope = DVector::zeros(width);
@@ -96,7 +84,7 @@ pub(in crate::diagnose) fn likeliest(
         memory: within(guess.memory, 1.0, MEMORY),
     };
     let guessed = GuessedRecord::new(record);
-    let (mut best, mut at) = (begin, f64::NEG_INFINITY);
+    let mut best = begin;
     let mut factor = 2.0_f64;
     while factor > NEAR {
         brake.check();
@@ -114,18 +102,18 @@ pub(in crate::diagnose) fn likeliest(
         ]
         .map(bounded);
         let found = guessed.likelihoods(&neighbours);
-        at = f64::max(at, found[0]);
         let better = found.iter().zip(neighbours).max_by(|one, other| one.0.total_cmp(other.0));
-        match better.filter(|(value, _)| **value > at + GAIN) {
-            Some((value, guess)) => (best, at) = (guess, *value),
+        match better.filter(|(value, _)| **value > found[0] + GAIN) {
+            Some((_, guess)) => best = guess,
             None => factor = factor.sqrt(),
         }
     }
     best
 }
 
-/// Filters the record, and keeps every sample where that is wanted.
-fn filter(record: &LinearRecord, guess: Guess, mut kept: Option<&mut Vec<Sample>>) -> f64 {
+/// Every sample of the filter's pass, and the logarithm of the likelihood of the record without its constant.
+pub(in crate::diagnose) fn passed(record: &LinearRecord, guess: Guess) -> (Vec<Sample>, f64) {
+    let mut samples = Vec::with_capacity(record.readings.len());
     let fades = (-record.hours / guess.memory).exp();
     let rate = record.rate();
     let (mut mean, mut covariance) = record.begin(guess.size.powi(2));
@@ -134,7 +122,7 @@ fn filter(record: &LinearRecord, guess: Guess, mut kept: Option<&mut Vec<Sample>
     let (mut half, mut next) = (covariance.clone(), mean.clone());
     let mut spread = mean.clone();
     for (k, readings) in record.readings.iter().enumerate() {
-        let before = kept.is_some().then(|| (mean.clone(), covariance.clone()));
+        let before = (mean.clone(), covariance.clone());
         let mut updates = Vec::new();
         for reading in readings {
             let innovation = reading.value - reading.constant - reading.row.dot(&mean);
@@ -143,15 +131,13 @@ fn filter(record: &LinearRecord, guess: Guess, mut kept: Option<&mut Vec<Sample>
             likelihood -= 0.5 * (innovation * innovation / variance + variance.ln());
             mean.axpy(innovation / variance, &spread, 1.0);
             covariance.ger(-1.0 / variance, &spread, &spread, 1.0);
-            if kept.is_some() {
-                updates.push(Update {
-                    row: reading.row.clone(),
-                    gain: &spread / variance,
-                    innovation,
-                    variance,
-                    output: reading.output,
-                });
-            }
+            updates.push(Update {
+                row: reading.row.clone(),
+                gain: &spread / variance,
+                innovation,
+                variance,
+                output: reading.output,
+            });
         }
         let step = record.steps.get(k).map(|step| {
             matrix.copy_from(&step.matrix);
@@ -163,11 +149,9 @@ fn filter(record: &LinearRecord, guess: Guess, mut kept: Option<&mut Vec<Sample>
             covariance.copy_from(&step.covariance);
             covariance.gemm(1.0, &half, &matrix.transpose(), 1.0);
             covariance[(rate, rate)] += guess.size.powi(2) * (1.0 - fades * fades);
-            &matrix
+            matrix.clone()
         });
-        if let Some((kept, before)) = kept.as_mut().zip(before) {
-            kept.push(Sample { before, updates, step: step.cloned() });
-        }
+        samples.push(Sample { before, updates, step });
     }
-    if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY }
+    (samples, if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY })
 }

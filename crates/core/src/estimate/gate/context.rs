@@ -7,7 +7,6 @@ use crate::data::Duration;
 use crate::estimate::assess::metrics::{
     FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead,
 };
-use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::{AheadError, Fit};
 use crate::estimate::problem::Problem;
@@ -60,7 +59,8 @@ impl<'a> ValidationContext<'a> {
             Predictor::Filtered => Some(filter_fit(&problem, fit)),
             Predictor::FreeRun => None,
         };
-        let incumbent = past.incumbent.as_ref().and_then(|incumbent| incumbent_theta(&problem, incumbent));
+        let incumbent = past.incumbent.as_ref().filter(|incumbent| incumbent.is_of(&problem));
+        let incumbent = incumbent.map(|incumbent| incumbent.on(&problem));
         let reference = |reference: &'a Reference| {
             Some((reference.name.as_str(), reference_theta(&problem, &reference.fit)?))
         };
@@ -195,16 +195,4 @@ fn reference_theta(problem: &Problem, fit: &Fit) -> Option<Vec<f64>> {
     let names = problem.model().parameters().iter().map(|parameter| &parameter.name);
     let same = fit.model == problem.model().id().to_string() && names.eq(fit.parameters.keys());
     same.then(|| fit.theta())
-}
-
-/// The incumbent's vector where it belongs to the same model.
-fn incumbent_theta(problem: &Problem, incumbent: &Incumbent) -> Option<Vec<f64>> {
-    let same = incumbent.model == *problem.model().id();
-    let theta: Option<Vec<f64>> = problem
-        .model()
-        .parameters()
-        .iter()
-        .map(|parameter| incumbent.theta.get(&parameter.name).copied())
-        .collect();
-    theta.filter(|_| same)
 }

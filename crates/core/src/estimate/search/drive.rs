@@ -26,6 +26,9 @@ pub(in crate::estimate) struct SearchResult {
     pub remarks: Vec<String>,
 }
 
+/// Evaluations for a polish by least squares from a known point.
+pub(in crate::estimate) const POLISH_EVALUATIONS: usize = 1500;
+
 /// Looks at the validation part that only tell how a search goes: each is one simulation up to its end, and
 /// as much as so many of those is done on the training part in between.
 const BETWEEN_LOOKS: usize = 100;

@@ -5,13 +5,11 @@
 //! one, and everywhere is searched.
 
 use super::control::{Control, EstimateError};
-use super::drive::{SearchResult, polish};
+use super::drive::{POLISH_EVALUATIONS, SearchResult, polish};
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::fit::{Searched, Stop};
 use crate::estimate::problem::Problem;
 
-/// Evaluations for the way to the optimum.
-const EVALUATIONS: usize = 1500;
 /// The error of a free run may be this much larger than that of the served parameters over their own days:
 /// one day in four weeks is another one.
 const AS_THEY_DID: f64 = 1.05;
@@ -39,9 +37,9 @@ pub(in crate::estimate) fn near(
     incumbent: &Incumbent,
     control: &Control,
 ) -> Result<SearchResult, Unconvincing> {
-    let Some(found) = polish(problem, &incumbent.on(problem), EVALUATIONS, control)? else {
+    let Some(found) = polish(problem, &incumbent.on(problem), POLISH_EVALUATIONS, control)? else {
         let why = "the served parameters lead nowhere on these days";
-        return Err(Unconvincing::Because(why.to_owned(), EVALUATIONS));
+        return Err(Unconvincing::Because(why.to_owned(), POLISH_EVALUATIONS));
     };
     let stop = if found.stop == Stop::Budget { Stop::Budget } else { Stop::Converged };
     Ok(SearchResult { stop, searched: Searched::Local, ..found })
