@@ -3,8 +3,8 @@
 
 use super::document::TermWriting;
 use super::search::{SearchScores, TermScore, TermSearch, range};
-use super::settled::{SettledBeside, Trial};
-use super::term::{Memory, Schedule, Term, TermSubject};
+use super::settled::{SettledBeside, Trial, TriedFlows};
+use super::term::{Factor, Memory, Schedule, ScheduleDays, Term, TermSubject};
 use crate::diagnose::score_test::{Look, SegmentScore};
 use crate::estimate::segments::{dot, likeness};
 use rayon::prelude::*;
@@ -17,11 +17,11 @@ pub(super) const LEAST_SHIFTS: usize = 5;
 /// Most kinds of terms that are tried beside parameters that are sought anew, and beside those of the best.
 const KINDS: usize = 8;
 const KINDS_BESIDE: usize = 4;
-/// Of those so many are refined beside parameters of their own, and the parameters beside the refined, so
-/// often at most.
-const REFINED: usize = 5;
-const ROUNDS: usize = 3;
-/// They go on while this share of the squares is left at most.
+/// Most that are tried beside the parameters that a free working day leaves.
+const KINDS_BY_CLOCK: usize = 2;
+/// The best so many walk to the numbers beside whose parameters least is left; they go on while this share
+/// of the squares is left at most.
+const WALKED: usize = 3;
 const GAINS: f64 = 0.99;
 /// Directions that correlate so much are one thing.
 const ALIKE: f64 = 0.9;
@@ -41,7 +41,8 @@ const SIMPLER: f64 = 0.03;
 /// Time constants that are tried beside the best, in hours: the longer one is, the less of it the room itself
 /// may take.
 const OTHER_LAGS: [f64; 3] = [0.7, 1.5, 3.0];
-/// Most steps of one length towards better numbers of a term.
+/// Lengths of steps towards better numbers of a term, and most of each.
+const PARTS: [f64; 3] = [0.5, 0.25, 0.125];
 const STEPS: usize = 3;
 /// Euler's constant, for Gumbel's mean.
 const EULER: f64 = 0.577_215_664_901_532_9;
@@ -88,37 +89,52 @@ pub(super) fn choose(trial: &Trial<'_>, search: &TermSearch<'_>, null: &Look<'_>
     if let Some(late) = leaders.iter().find(|term| term.memory != Memory::None).copied() {
         leaders.extend(OTHER_LAGS.map(|hours| Term { memory: Memory::Lag(hours), ..late }));
     }
-    let first = tried(trial, search, null, &leaders, true);
-    let Some(best) = first.first() else { return found };
+    let mut all = tried(trial, search, null, &leaders, true);
+    let again = |settled: &SettledBeside, most: usize, by_clock: bool| -> Vec<TriedTerm> {
+        beside(trial, search, settled, |search, look| {
+            let mut scores = search.scores();
+            let bar = Bar::new(search, look, &scores, rate);
+            scores.terms.retain(|score| !by_clock || score.term.is_by_clock());
+            tried(trial, search, look, &self::leaders(search, &bar, &scores, most), by_clock)
+        })
+        .unwrap_or_default()
+    };
+    // Where a schedule has bent the model's own parameters, none of its hours shows in what they leave. They
+    // are themselves beside a flow that has each two hours of working days free, and hours show beside them.
+    let profile = search.working_day();
+    let flows = TriedFlows { series: &profile, into: search.into(), size: 1.0, start: 0.0 };
+    let by_clock = if profile.is_empty() { None } else { trial.beside(null.theta(), &flows, true) };
+    all.extend(by_clock.iter().flat_map(|settled| again(settled, KINDS_BY_CLOCK, true)));
+    let all_ordered = ordered(trial, search, all);
+    let Some(best) = all_ordered.first() else { return found };
     // Sought again beside the parameters of the best: where half of it had gone into the model's own, others
     // have looked better.
-    let mut all: Vec<TriedTerm> = beside(trial, search, &best.settled, |search, look| {
-        let scores = search.scores();
-        let bar = Bar::new(search, look, &scores, rate);
-        tried(trial, search, look, &self::leaders(search, &bar, &scores, KINDS_BESIDE), false)
-    })
-    .unwrap_or_default();
-    all.extend(first);
-    let refined: Vec<TriedTerm> = grouped(trial, search, all, REFINED)
-        .into_iter()
-        .map(|one| {
-            let mut best = one;
-            for _ in 0..ROUNDS {
-                let better = beside(trial, search, &best.settled, |search, look| {
-                    let finer = refined(search, best.term);
-                    if finer == best.term { None } else { tried(trial, search, look, &[finer], false).pop() }
-                });
-                let gains = |better: &TriedTerm| better.settled.squares < GAINS * best.settled.squares;
-                match better.flatten().filter(gains) {
-                    Some(better) => best = TriedTerm { alike: best.alike, ..better },
-                    None => break,
-                }
-            }
-            best
-        })
-        .collect();
-    found.best = grouped(trial, search, refined, MOST);
+    let mut all = again(&best.settled, KINDS_BESIDE, false);
+    all.extend(all_ordered);
+    let walked = grouped(trial, search, all, WALKED).into_iter().map(|one| walked(trial, search, one));
+    found.best = grouped(trial, search, walked.collect(), MOST);
     found
+}
+
+/// Walks with the form and the numbers of a term, each step beside parameters of its own: those that belong
+/// to wrong numbers speak for them.
+fn walked(trial: &Trial<'_>, search: &TermSearch<'_>, mut best: TriedTerm) -> TriedTerm {
+    let mut around = forms(search, &best.term);
+    for part in PARTS {
+        for _ in 0..STEPS {
+            around.extend(numbers(search, &best.term, part));
+            let terms = std::mem::take(&mut around);
+            let better = beside(trial, search, &best.settled, |search, look| {
+                tried(trial, search, look, &terms, false)
+            });
+            let gains = |better: &TriedTerm| better.settled.squares < GAINS * best.settled.squares;
+            match better.into_iter().flatten().next().filter(gains) {
+                Some(better) => best = TriedTerm { alike: best.alike, ..better },
+                None => break,
+            }
+        }
+    }
+    best
 }
 
 /// The same search beside other parameters.
@@ -143,17 +159,41 @@ fn tried(
 ) -> Vec<TriedTerm> {
     let one = |term: &Term| {
         let score = scored(search, look, term)?;
-        let settled =
-            trial.beside(look.theta(), &search.series(term)?, term.into, *score.size.first()?, anew)?;
+        let series = [search.series(term)?];
+        let flows = TriedFlows { series: &series, into: term.into, size: *score.size.first()?, start: 1.0 };
+        let settled = trial.beside(look.theta(), &flows, anew)?;
         // How large it is, is known beside these parameters alone.
-        let there = beside(trial, search, &settled, |search, look| scored(search, look, term))??;
+        let (there, days) = beside(trial, search, &settled, |search, look| {
+            let score = scored(search, look, term)?;
+            let days = search.days(&score.direction);
+            Some((score, days))
+        })??;
         let (size, share) = (*there.size.first()?, there.share);
         let (t, confirmed) = (there.t, there.confirmed);
         // Where it is the parameters alone that have become better, nothing is left for it.
-        let shows = confirmed > 0.0 && share >= LEAST_SHARE && t.abs() >= LEAST_T;
+        let shows = confirmed > 0.0
+            && share >= LEAST_SHARE
+            && t.abs() >= LEAST_T
+            && (!term.is_by_clock() || is_steady(t, days))
+            && !is_its_own_cause(term, size);
         shows.then_some(TriedTerm { term: *term, size, share, t, confirmed, settled, alike: Vec::new() })
     };
     ordered(trial, search, terms.par_iter().filter_map(one).collect())
+}
+
+/// Whether a term that its own state's warmth switches warms it: then the warmth is what some heat does, and
+/// not what drives it.
+fn is_its_own_cause(term: &Term, size: f64) -> bool {
+    matches!(term.subject, TermSubject::Warm(_))
+        && match term.factor {
+            Factor::Outdoors => size < 0.0,
+            Factor::One | Factor::Sun => size > 0.0,
+        }
+}
+
+/// Whether what has this size over its deviation is about as large on each of so many days.
+fn is_steady(t: f64, days: usize) -> bool {
+    t * t / (t * t + days as f64) >= STEADY
 }
 
 fn scored(search: &TermSearch<'_>, look: &Look<'_>, term: &Term) -> Option<SegmentScore> {
@@ -230,7 +270,7 @@ impl<'a> Bar<'a> {
             _ => LEAST_SHARE,
         };
         let told_apart = if score.term.is_by_clock() {
-            score.t * score.t / (score.t * score.t + days) >= STEADY
+            is_steady(score.t, score.days)
         } else {
             self.by_chance.is_some_and(|by_chance| score.share > by_chance)
                 && score.shifted.iter().all(|shifted| *shifted < score.share)
@@ -283,9 +323,9 @@ fn by_chance(scores: &SearchScores, rate: f64) -> Option<f64> {
 fn refined(search: &TermSearch<'_>, term: Term) -> Term {
     let share = |term: &Term| search.share(term).unwrap_or(0.0);
     let mut best = (term, share(&term));
-    for part in [0.5, 0.25, 0.125] {
+    for part in PARTS {
         for _ in 0..STEPS {
-            let around = neighbours(search, &best.0, part);
+            let around = numbers(search, &best.0, part);
             let shares = around.par_iter().map(|term| (*term, share(term)));
             match shares.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, share)| *share > best.1) {
                 Some(better) => best = better,
@@ -296,8 +336,20 @@ fn refined(search: &TermSearch<'_>, term: Term) -> Term {
     best.0
 }
 
-/// Terms that differ a little.
-fn neighbours(search: &TermSearch<'_>, term: &Term, part: f64) -> Vec<Term> {
+/// Other forms of a schedule: at all other hours, on other days, of another flow.
+fn forms(search: &TermSearch<'_>, term: &Term) -> Vec<Term> {
+    let TermSubject::Hours(schedule) = term.subject else { return Vec::new() };
+    let of = |schedule| Term { subject: TermSubject::Hours(schedule), ..*term };
+    let days = [ScheduleDays::All, ScheduleDays::Working, ScheduleDays::Weekend];
+    let mut forms: Vec<Term> = days.map(|days| of(Schedule { days, ..schedule })).into();
+    forms.push(of(Schedule { from: schedule.to, to: schedule.from, ..schedule }));
+    forms.extend(search.air().map(|factor| Term { factor, ..*term }));
+    forms.retain(|form| form != term);
+    forms
+}
+
+/// Terms of the same form that differ a little.
+fn numbers(search: &TermSearch<'_>, term: &Term, part: f64) -> Vec<Term> {
     let mut near = Vec::new();
     let mut moved = |subject| near.push(Term { subject, ..*term });
     match term.subject {
@@ -321,6 +373,7 @@ fn neighbours(search: &TermSearch<'_>, term: &Term, part: f64) -> Vec<Term> {
                 let (from, to) = (hour(schedule.from), hour(schedule.to));
                 moved(TermSubject::Hours(Schedule { from, ..schedule }));
                 moved(TermSubject::Hours(Schedule { to, ..schedule }));
+                moved(TermSubject::Hours(Schedule { from, to, ..schedule }));
             }
         }
         TermSubject::Sun(_) => {}

@@ -7,6 +7,7 @@ use super::term::{Factor, Form, Memory, Schedule, ScheduleDays, Term, TermSeries
 use crate::diagnose::score_test::Look;
 use crate::estimate::Problem;
 use crate::estimate::segments::{Explained, dot};
+use crate::model::Initial;
 use crate::simulate::trajectory::Halt;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -33,7 +34,7 @@ pub(super) struct TermSearch<'a> {
     pub stock: &'a Stock,
     look: &'a Look<'a>,
     responses: Responses,
-    /// The measured state along the segments, and its place in the model.
+    /// The measured state, from the model where it was not measured, and its place in the model.
     warm: Vec<f64>,
     into: usize,
     halt: Halt<'a>,
@@ -77,7 +78,15 @@ impl<'a> TermSearch<'a> {
         halt: Halt<'a>,
     ) -> Option<Self> {
         let responses = Responses::new(problem, look)?;
-        let warm = responses.state(into, problem.grid().len());
+        let mut warm = responses.state(into, problem.grid().len());
+        // What switches by its own warmth does so by the warmth that it has; a model without the term has
+        // another one.
+        if let Initial::Measured(output) = problem.model().states()[into].initial
+            && let Some(column) = problem.grid().column(&problem.model().outputs()[output].channel)
+        {
+            let measured = warm.iter_mut().zip(column.values()).zip(column.valid());
+            measured.filter(|(_, valid)| **valid).for_each(|((warm, measured), _)| *warm = *measured);
+        }
         Some(Self { stock, look, responses, warm, into, halt })
     }
 
@@ -108,14 +117,20 @@ impl<'a> TermSearch<'a> {
         Some(self.look.explained(&direction)?.share)
     }
 
+    /// The days on which a direction does anything.
+    pub fn days(&self, direction: &[f64]) -> usize {
+        let squares = self.look.by_day(|row| direction[row] * direction[row]);
+        let usual = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+        squares.iter().filter(|square| **square > ACTS * usual).count()
+    }
+
     /// Scores a term. `None` as [`TermSearch::share`], and where it acts on too few days.
     fn score(&self, term: &Term, shifted: &ShiftedErrors) -> Option<TermScore> {
         if (self.halt)() {
             return None;
         }
         let (direction, own) = self.direction(term)?;
-        let squares = self.look.by_day(|row| direction[row] * direction[row]);
-        let days = squares.iter().filter(|square| **square > ACTS * own / squares.len() as f64).count();
+        let days = self.days(&direction);
         if days < LEAST_DAYS {
             return None;
         }
@@ -193,13 +208,28 @@ impl<'a> TermSearch<'a> {
                     for length in LENGTHS {
                         let to = (f64::from(from) + length) % 24.0;
                         let hours = TermSubject::Hours(Schedule { from: f64::from(from), to, days });
-                        let air = factors.iter().filter(|factor| **factor != Factor::Sun);
-                        terms.extend(air.map(|factor| now(hours, *factor)));
+                        terms.extend(self.air().map(|factor| now(hours, factor)));
                     }
                 }
             }
         }
         terms
+    }
+
+    /// What a schedule drives: a flow of its own, and air that is exchanged.
+    pub fn air(&self) -> impl Iterator<Item = Factor> {
+        std::iter::once(Factor::One).chain(self.stock.outdoors.map(|_| Factor::Outdoors))
+    }
+
+    /// Each two hours of working days; empty where the clock is not known.
+    pub fn working_day(&self) -> Vec<TermSeries> {
+        let hours = |from: u32| {
+            let to = f64::from((from + 2) % 24);
+            let schedule = Schedule { from: f64::from(from), to, days: ScheduleDays::Working };
+            let subject = TermSubject::Hours(schedule);
+            self.series(&Term { subject, factor: Factor::One, memory: Memory::None, into: self.into })
+        };
+        (0..24).step_by(2).filter_map(hours).collect()
     }
 
     /// The state into which it looks.

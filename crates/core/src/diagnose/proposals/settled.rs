@@ -43,6 +43,17 @@ pub(super) struct Trial<'a> {
     pub halt: Halt<'a>,
 }
 
+/// Flows that are tried together, each with a size of its own.
+pub(super) struct TriedFlows<'a> {
+    pub series: &'a [TermSeries],
+    /// The state into which they flow.
+    pub into: usize,
+    /// About how large they are.
+    pub size: f64,
+    /// At which multiple of it each size starts.
+    pub start: f64,
+}
+
 /// A model that has found its parameters beside a term.
 pub(super) struct SettledBeside {
     /// Its own.
@@ -59,50 +70,48 @@ impl Trial<'_> {
         Look::at(self.problem, self.samples.clone(), self.hours, &settled.theta, settled.starts.clone())
     }
 
-    /// Brings the model to the least squares of its segments with a flow of about this size. A flow that has
-    /// passed through a mass is a channel here: a state of its own would start anew with every segment.
-    /// `anew` asks for fits from other starts as well.
-    pub fn beside(
-        &self,
-        theta: &[f64],
-        series: &TermSeries,
-        into: usize,
-        size: f64,
-        anew: bool,
-    ) -> Option<SettledBeside> {
+    /// Brings the model to the least squares of its segments with flows beside it. A flow that has passed
+    /// through a mass is a channel here: a state of its own would start anew with every segment. `anew` asks
+    /// for fits from other starts as well.
+    pub fn beside(&self, theta: &[f64], flows: &TriedFlows<'_>, anew: bool) -> Option<SettledBeside> {
         let column = |unit: &str, values: Vec<f64>| Column::complete(unit, Hold::ZeroOrder, values).ok();
-        let rate = series.rate.iter().map(|rate| size * rate).collect();
-        let mut grid = self.grid.clone().with_column(RATE, column("-", rate)?).ok()?;
-        if let Some(from) = &series.from {
-            grid = grid.with_column(FROM, column("degC", from.clone())?).ok()?;
+        let mut grid = self.grid.clone();
+        for (at, series) in flows.series.iter().enumerate() {
+            let rate = series.rate.iter().map(|rate| flows.size * rate).collect();
+            grid = grid.with_column(&numbered(RATE, at), column("-", rate)?).ok()?;
+            if let Some(from) = &series.from {
+                grid = grid.with_column(&numbered(FROM, at), column("degC", from.clone())?).ok()?;
+            }
         }
         let mut catalogue = self.catalogue.clone();
-        catalogue.add_effect(self.effect(into, series.from.is_some()));
+        catalogue.add_effect(self.effect(flows));
         let source = EffectSource { catalogue: &catalogue, site: self.site, grid, holes: Vec::new() };
         let candidate = source.candidate(self.problem, TRIED).ok()?;
         let with = |theta: &[f64]| {
             let mut there = candidate.lift(self.problem, theta);
-            candidate.own.iter().for_each(|(index, _)| there[*index] = 1.0);
+            candidate.own.iter().for_each(|(index, _)| there[*index] = flows.start);
             there
         };
-        let nominal = anew.then(|| with(self.problem.nominal()));
-        let settled = self.settled(&candidate.problem, with(theta), nominal)?;
+        let others = if anew { self.others().iter().map(|theta| with(theta)).collect() } else { Vec::new() };
+        let settled = self.settled(&candidate.problem, with(theta), others)?;
         Some(SettledBeside { theta: candidate.lower(self.problem, &settled.theta), ..settled })
     }
 
     /// Brings the model without any term to the least squares of its segments, as hard.
     pub fn alone(&self, theta: &[f64]) -> Option<SettledBeside> {
-        self.settled(self.problem, theta.to_vec(), Some(self.problem.nominal().to_vec()))
+        self.settled(self.problem, theta.to_vec(), self.others())
     }
 
-    /// The least squares along the segments from a start, and from what free runs come to from there, from
-    /// the nominal values and from starts that are drawn, where those are given.
-    fn settled(
-        &self,
-        problem: &Problem,
-        start: Vec<f64>,
-        nominal: Option<Vec<f64>>,
-    ) -> Option<SettledBeside> {
+    /// The nominal parameters, and others that are drawn.
+    fn others(&self) -> Vec<Vec<f64>> {
+        let drawn = latin_hypercube(DRAWN, self.problem.free().len(), SEED);
+        let drawn = drawn.iter().map(|candidate| self.problem.theta(candidate));
+        std::iter::once(self.problem.nominal().to_vec()).chain(drawn).collect()
+    }
+
+    /// The least squares along the segments from a start, and from what free runs come to from there and from
+    /// others, where those are given.
+    fn settled(&self, problem: &Problem, start: Vec<f64>, others: Vec<Vec<f64>>) -> Option<SettledBeside> {
         let from = |start: &Vec<f64>| {
             let mut best: Option<SettledBeside> = None;
             let mut here = start.clone();
@@ -119,16 +128,17 @@ impl Trial<'_> {
             best
         };
         let mut starts = vec![start.clone()];
-        if let Some(nominal) = nominal {
-            starts.extend(anew_from(problem, vec![start, nominal], self.halt));
+        if !others.is_empty() {
+            let all: Vec<Vec<f64>> = std::iter::once(start).chain(others).collect();
+            starts.extend(anew_from(problem, &all, self.halt));
         }
         let ends: Vec<SettledBeside> = starts.iter().filter_map(from).collect();
         ends.into_iter().min_by(|a, b| a.squares.total_cmp(&b.squares))
     }
 
-    /// The flow as an effect: one that is given, or along the difference of a given one from the state.
-    fn effect(&self, into: usize, is_difference: bool) -> EffectSpec {
-        let state = &self.problem.model().states()[into];
+    /// The flows as an effect: given ones, or along the difference of a given one from the state.
+    fn effect(&self, flows: &TriedFlows<'_>) -> EffectSpec {
+        let state = &self.problem.model().states()[flows.into];
         let input = |unit: &str| InputSpec {
             unit: unit.to_owned(),
             hold: InputHold::ZeroOrder,
@@ -136,13 +146,7 @@ impl Trial<'_> {
             min: None,
             may_be_constant: true,
         };
-        let (unit, text) = if is_difference {
-            ("1/h".to_owned(), format!("{SIZE} * {RATE} * ({FROM} - {})", state.name))
-        } else {
-            (format!("{}/h", error_unit(&state.unit)), format!("{SIZE} * {RATE}"))
-        };
-        let names = std::iter::once((RATE, "-")).chain(is_difference.then_some((FROM, "degC")));
-        let size = ParameterSpec {
+        let size = |unit: String| ParameterSpec {
             unit,
             lower: -10.0,
             upper: 10.0,
@@ -152,23 +156,34 @@ impl Trial<'_> {
             title: String::new(),
             excite: None,
         };
-        EffectSpec {
-            id: TRIED.to_owned(),
-            inputs: names.map(|(name, unit)| (name.to_owned(), input(unit))).collect(),
-            parameters: [(SIZE.to_owned(), size)].into(),
-            terms: [(state.name.clone(), text)].into(),
-            ..EffectSpec::default()
+        let mut effect = EffectSpec { id: TRIED.to_owned(), ..EffectSpec::default() };
+        let mut terms = Vec::new();
+        for (at, series) in flows.series.iter().enumerate() {
+            let (rate, from, how_much) = (numbered(RATE, at), numbered(FROM, at), numbered(SIZE, at));
+            effect.inputs.insert(rate.clone(), input("-"));
+            if series.from.is_some() {
+                terms.push(format!("{how_much} * {rate} * ({from} - {})", state.name));
+                effect.inputs.insert(from, input("degC"));
+                effect.parameters.insert(how_much, size("1/h".to_owned()));
+            } else {
+                terms.push(format!("{how_much} * {rate}"));
+                effect.parameters.insert(how_much, size(format!("{}/h", error_unit(&state.unit))));
+            }
         }
+        effect.terms.insert(state.name.clone(), terms.join(" + "));
+        effect
     }
 }
 
-/// The best ends of the free run from some starts and from others that are drawn.
-fn anew_from(problem: &Problem, mut starts: Vec<Vec<f64>>, halt: Halt<'_>) -> Vec<Vec<f64>> {
-    let drawn = latin_hypercube(DRAWN, problem.free().len(), SEED);
-    starts.extend(drawn.iter().map(|candidate| problem.theta(candidate)));
+fn numbered(name: &str, at: usize) -> String {
+    format!("{name}_{at}")
+}
+
+/// The best ends of the free run from some starts.
+fn anew_from(problem: &Problem, starts: &[Vec<f64>], halt: Halt<'_>) -> Vec<Vec<f64>> {
     let whitening = Whitening::none(&usable(problem, &problem.split().train));
     let task = Refit { problem, whitening: &whitening, deviation: problem.scaled_noise(), halt };
-    let (mut ends, _) = task.ends(&starts, ITERATIONS);
+    let (mut ends, _) = task.ends(starts, ITERATIONS);
     ends.retain(|(_, cost)| cost.is_finite());
     ends.sort_by(|a, b| a.1.total_cmp(&b.1));
     ends.truncate(ENDS);

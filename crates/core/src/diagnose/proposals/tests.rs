@@ -64,6 +64,16 @@ fn what_air_that_people_have_breathed_drives_is_proposed_and_becomes_an_effect()
 }
 
 #[test]
+fn hours_and_warmth_are_found_where_they_have_bent_the_parameters() {
+    for (seed, hidden, says) in [(1_110_802, "fan", "working days"), (1_110_801, "blinds", "above")] {
+        let (found, common) = proposed(seed, &[hidden]);
+        assert!(common[0] >= 0.9, "{hidden}: {common:?} {found:#?}");
+        assert!(found.proposals[0].sentence.contains(says), "{}", found.proposals[0].sentence);
+        assert!(found.proposals[0].left < 0.8, "{hidden}: {found:#?}");
+    }
+}
+
+#[test]
 fn nothing_is_proposed_where_nothing_is_hidden_or_nothing_measured_explains_it() {
     for (seed, hidden) in [(62, &[][..]), (63, &["stove"]), (64, &["laundry"])] {
         let (found, _) = proposed(seed, hidden);
