@@ -8,7 +8,7 @@ use super::verdicts::judge_all;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{ColumnBindings, DAY, Duration, SplitRequest, Window, rfc3339};
 use lampyris_core::estimate::pooling::pooled;
-use lampyris_core::estimate::problem::prior::Prior;
+use lampyris_core::estimate::problem::prior::{KnownParameter, KnownPrior, Prior};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
@@ -31,6 +31,8 @@ struct Judged {
     seed: u64,
     alone: [Vec<f64>; 2],
     borrowed: [Vec<f64>; 2],
+    /// With what the others truly are, which nobody can know.
+    oracle: [Vec<f64>; 2],
     known: usize,
 }
 
@@ -51,6 +53,8 @@ pub fn run(asked: &Worlds) -> Result<Vec<Row>, Failure> {
         let ratio = mean(&borrowed) / mean(&alone);
         let limit = if which == 0 { GAIN } else { HARM };
         rows.push(Row::new(name("ratio of the means"), ratio, "").at_most(limit));
+        let oracle = mean(&all(&|one| &one.oracle[which]));
+        rows.push(Row::new(name("the same with what the others truly are"), oracle / mean(&alone), ""));
         let mut ratios: Vec<f64> = alone.iter().zip(&borrowed).map(|(alone, with)| with / alone).collect();
         ratios.sort_by(f64::total_cmp);
         rows.push(Row::new(name("median of the ratios"), ratios[ratios.len() / 2], ""));
@@ -66,6 +70,7 @@ fn line(judged: &Judged) -> String {
     for (which, days) in DAYS.iter().enumerate() {
         told += &format!("\n  {days:2} d alone   {}", of(&judged.alone[which]));
         told += &format!("\n  {days:2} d borrowed{}", of(&judged.borrowed[which]));
+        told += &format!("\n  {days:2} d oracle  {}", of(&judged.oracle[which]));
     }
     told
 }
@@ -74,7 +79,13 @@ fn judge(seed: u64) -> Result<Judged, Failure> {
     let days = DAYS[1] + WEEK;
     let request = HouseRequest { seed, days, step_minutes: STEP_MINUTES, lived_in: true };
     let twin = house(&request).map_err(|fault| faults(&[fault]))?;
-    let mut judged = Judged { seed, alone: Default::default(), borrowed: Default::default(), known: 0 };
+    let mut judged = Judged {
+        seed,
+        alone: Default::default(),
+        borrowed: Default::default(),
+        oracle: Default::default(),
+        known: 0,
+    };
     for (which, days) in DAYS.into_iter().enumerate() {
         let rooms: Vec<(String, Problem)> = (0..twin.rooms.len())
             .map(|place| Ok((twin.rooms[place].room.to_string(), problem(&twin, place, days)?)))
@@ -96,8 +107,31 @@ fn judge(seed: u64) -> Result<Judged, Failure> {
             fits = newer;
         }
         judged.borrowed[which] = fits.iter().map(|(_, fit)| error(fit)).collect();
+        let truly = |(place, (_, problem)): (usize, &(String, Problem))| {
+            let prior = Prior::Known(true_of_others(&twin, place, problem));
+            Ok(error(&fitted(&problem.with_prior(prior))?))
+        };
+        judged.oracle[which] = rooms.iter().enumerate().map(truly).collect::<Result<_, Failure>>()?;
     }
     Ok(judged)
+}
+
+/// The mean and the deviation of the logarithms of what the other rooms truly are; walls are of one family.
+fn true_of_others(twin: &HouseTwin, place: usize, problem: &Problem) -> KnownPrior {
+    let family = |name: &str| name.split('[').next().unwrap_or(name).to_owned();
+    let others = twin.rooms.iter().enumerate().filter(|(other, _)| *other != place);
+    let all: Vec<(String, f64)> = others.flat_map(|(_, room)| &room.parameters).cloned().collect();
+    let of = |name: &str| {
+        let logarithms = all.iter().filter(|(other, _)| family(other) == family(name));
+        let logarithms: Vec<f64> = logarithms.map(|(_, value)| value.ln()).collect();
+        let count = logarithms.len() as f64;
+        let mean = logarithms.iter().sum::<f64>() / count;
+        let squares = logarithms.iter().map(|one| (one - mean).powi(2)).sum::<f64>();
+        KnownParameter { value: mean.exp(), deviation: (squares / (count - 1.0)).sqrt() }
+    };
+    let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());
+    let known = names.filter(|name| all.iter().any(|(other, _)| family(other) == family(name)));
+    KnownPrior { from: Vec::new(), parameters: known.map(|name| (name.clone(), of(&name))).collect() }
 }
 
 fn request(twin_days: usize) -> EstimateRequest {

@@ -88,6 +88,8 @@ pub struct RoomTruth {
     pub lowered: f64,
     /// Deviation of the heat that no meter sees, in K/h.
     pub household_heat: f64,
+    /// What `room3` calls parameters, without the thermostat and the starts.
+    pub parameters: Vec<(String, f64)>,
 }
 
 /// Room air, floor, envelope.
@@ -171,7 +173,19 @@ fn draw(dice: &mut Dice, number: u32, climate: &Climate, lived_in: bool) -> (Roo
     let second = SECOND.iter().filter(|(_, of)| *of == number).map(|(sensor, _)| *sensor);
     let sensors = std::iter::once(number).chain(second).collect();
     let household_heat = if lived_in { deviation } else { 0.0 };
-    (room, RoomTruth { room: number, sensors, neighbours, t_set, lowered, household_heat })
+    let named = [
+        ("alpha_h", room.h),
+        ("alpha_e", room.e),
+        ("alpha_w", room.w),
+        ("alpha_a", room.a),
+        ("alpha_s", room.s),
+        ("beta_h", room.floor),
+        ("beta_he", room.envelope),
+    ];
+    let named = named.into_iter().map(|(name, value)| (name.to_owned(), value));
+    let walls = room.n.iter().zip(&neighbours).map(|((_, rate), other)| (format!("alpha_n[{other}]"), *rate));
+    let parameters = named.chain(walls).collect();
+    (room, RoomTruth { room: number, sensors, neighbours, t_set, lowered, household_heat, parameters })
 }
 
 /// The air of every room and the opening of its valve, at every step.
