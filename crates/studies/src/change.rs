@@ -3,7 +3,7 @@
 
 use super::options::Worlds;
 use super::row::Row;
-use super::twin_room::{TwinRoom, measured, twin_room, whole};
+use super::twin_room::{TwinRoom, measured, twin_room, watched};
 use super::verdicts::judge_all;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{DAY, SplitRequest, read_time};
@@ -106,9 +106,9 @@ fn watch((seed, kind, level): (u64, &'static str, Level)) -> Result<Watched, Fai
     let weeks = window
         .slice(window.from(), window.from() + WINDOW_DAYS as i64 * DAY)
         .map_err(|found| faults(&found))?;
-    let weeks = twin_room(&made, &weeks, "room3", whole(WINDOW_DAYS + 1))?.problem;
+    let weeks = watched(&made, &weeks, WINDOW_DAYS + 1)?;
     let theta = settled(&weeks, &fit.theta()).map_err(|fault| Failure::Error(fault.to_string()))?;
-    let problem = twin_room(&made, &window, "room3", whole(days + 1))?.problem;
+    let problem = watched(&made, &window, days + 1)?;
     let record = ChangeRecord::new(&problem, &theta, WINDOW_DAYS)
         .map_err(|fault| Failure::Error(fault.to_string()))?;
     let mut seen = Watched { kind, level, nights: 0, false_alarms: 0, largest: 0.0, told: None };

@@ -2,6 +2,7 @@
 
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window};
+use lampyris_core::diagnose::change::step;
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::World;
@@ -34,9 +35,19 @@ pub fn twin_room(
     model: &str,
     split: SplitRequest,
 ) -> Result<TwinRoom, Failure> {
+    prepared(made, window, model, EstimateRequest { split, ..EstimateRequest::default() })
+}
+
+/// So many days as whoever looks for changes has them.
+pub fn watched(made: &World, window: &Window, days: usize) -> Result<Problem, Failure> {
+    let asked =
+        EstimateRequest { split: whole(days), step: step(window, "T_room"), ..EstimateRequest::default() };
+    Ok(prepared(made, window, "room3", asked)?.problem)
+}
+
+fn prepared(made: &World, window: &Window, model: &str, asked: EstimateRequest) -> Result<TwinRoom, Failure> {
     let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
     let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
-    let asked = EstimateRequest { split, ..EstimateRequest::default() };
     let model = model.parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let problem = prepare(&catalogue, &model, &asked, window, &site).map_err(|found| faults(&found))?;
     Ok(TwinRoom { catalogue, site, asked, problem })

@@ -4,7 +4,7 @@ use super::input::JobInput;
 use crate::service::catalogue::system::SystemDocument;
 use crate::service::error::ServiceError;
 use lampyris_core::data::{Duration, SplitRequest, Window};
-use lampyris_core::diagnose::change::{ParameterChanges, WINDOW_DAYS, changes};
+use lampyris_core::diagnose::change::{ParameterChanges, WINDOW_DAYS, changes, step};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, Fit, prepare};
 use lampyris_core::fault::Fault;
@@ -33,7 +33,9 @@ pub fn along(
     fit: &Fit,
     brake: &Brake,
 ) -> Result<ParameterChanges, ServiceError> {
-    let weeks = newest_weeks(&input.system);
+    let output = fit.metrics.keys().next();
+    let step = output.and_then(|output| step(window, output));
+    let weeks = EstimateRequest { step, ..newest_weeks(&input.system) };
     let problem = prepare(&input.catalogue, &input.model, &weeks, window, &input.system.site())
         .map_err(ServiceError::Faults)?
         .with_brake(brake);
