@@ -6,6 +6,7 @@ mod change;
 mod charts;
 mod complexity;
 mod control;
+mod counts;
 mod diagnose;
 mod engine;
 mod experiments;
@@ -63,6 +64,9 @@ struct Cli {
 enum Study {
     /// Simulation and controller path.
     Engine(First),
+    /// Simulations, derivatives and instructions of fixed inputs, which a busy machine does not change; needs
+    /// valgrind.
+    Counts(counts::Arguments),
     /// The default search beside its rivals on synthetic rooms: one week fitted, one to judge.
     Room(room::Arguments),
     /// What a diagnosis names on synthetic rooms with hidden effects: a third hides nothing, a third one
@@ -122,6 +126,7 @@ impl Study {
     fn name_and_seed(&self) -> Option<(&'static str, Option<u64>)> {
         let found = match self {
             Self::Engine(asked) => ("engine", Some(asked.seed)),
+            Self::Counts(_) => ("counts", None),
             Self::Room(asked) => ("room", Some(asked.first.seed)),
             Self::Diagnose(asked) => ("diagnose", Some(asked.first.seed)),
             Self::MissingHeat(asked) => ("missing-heat", Some(asked.first.seed)),
@@ -175,6 +180,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
             rows.extend(params::run()?);
             rows
         }
+        Study::Counts(asked) => counts::run(asked)?,
         Study::Room(asked) => {
             let (rows, document) = room::run(asked, as_json)?;
             more = document;

@@ -3,7 +3,7 @@
 
 use super::options::Worlds;
 use super::row::Row;
-use super::twin_room::{TwinRoom, measured, twin_room, whole};
+use super::twin_room::{TwinRoom, measured, twin_room, watched};
 use super::verdicts::{judge_all, share};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{DAY, SplitRequest, Window};
@@ -37,7 +37,7 @@ struct WatchedRoom {
 
 /// What a night took of one thread, in seconds.
 #[derive(Debug, Clone, Copy, Default)]
-struct Spent {
+pub struct Spent {
     prepared: f64,
     estimated: f64,
     regimes: f64,
@@ -92,10 +92,10 @@ fn worked() -> f64 {
     now.tv_sec as f64 + 1e-9 * now.tv_nsec as f64
 }
 
-fn timed<T>(spent: &mut f64, work: impl FnOnce() -> T) -> T {
-    let begun = worked();
+fn timed<T>(clock: fn() -> f64, spent: &mut f64, work: impl FnOnce() -> T) -> T {
+    let begun = clock();
     let done = work();
-    *spent += worked() - begun;
+    *spent += clock() - begun;
     done
 }
 
@@ -117,7 +117,7 @@ fn room(seed: u64, level: Level) -> Result<WatchedRoom, Failure> {
             let fitted = window.slice(from, from + FITTED * DAY).map_err(|found| faults(&found))?;
             let is_drawn = (night + seed as i64) % DRAWN == 0;
             let search = if is_drawn { SearchExtent::Global } else { SearchExtent::Local };
-            let (fit, is_served, spent) = a_night(&made, &fitted, search, served.as_ref())?;
+            let (fit, is_served, spent) = a_night(&made, &fitted, search, served.as_ref(), worked)?;
             let mut here = Night {
                 spent,
                 evaluations: fit.evaluations,
@@ -127,7 +127,7 @@ fn room(seed: u64, level: Level) -> Result<WatchedRoom, Failure> {
                 cold: None,
             };
             if (night + 1) % COMPARED == 0 {
-                let (cold, _, took) = a_night(&made, &fitted, SearchExtent::Global, served.as_ref())?;
+                let (cold, _, took) = a_night(&made, &fitted, SearchExtent::Global, served.as_ref(), worked)?;
                 here.beside = Some(errors(&fit, &cold));
                 here.cold = Some(took);
             }
@@ -150,24 +150,28 @@ fn errors(one: &Fit, other: &Fit) -> [f64; 2] {
     [ratio(0), ratio(1)]
 }
 
-/// The fit of a night as the service makes it, whether it is served, and what it took.
-fn a_night(
+/// The fit of a night as the service makes it, whether it is served, and what it took by a clock.
+pub fn a_night(
     made: &World,
     window: &Window,
     search: SearchExtent,
     served: Option<&Fit>,
+    clock: fn() -> f64,
 ) -> Result<(Fit, bool, Spent), Failure> {
     let mut spent = Spent::default();
     let TwinRoom { problem, asked, .. } =
-        timed(&mut spent.prepared, || twin_room(made, window, "room3", SplitRequest::ESTIMATE))?;
+        timed(clock, &mut spent.prepared, || twin_room(made, window, "room3", SplitRequest::ESTIMATE))?;
     let asked = EstimateRequest { search, ..asked };
     let incumbent = served.and_then(Incumbent::of);
-    let fit = timed(&mut spent.estimated, || estimate(&problem, &asked, incumbent.as_ref(), &Control::NONE))
-        .map_err(failed)?;
-    let fit = timed(&mut spent.regimes, || with_worst_regime(fit, &problem, window)).map_err(failed)?;
-    timed(&mut spent.changes, || changed(made, window, &fit))?;
+    let fit =
+        timed(clock, &mut spent.estimated, || estimate(&problem, &asked, incumbent.as_ref(), &Control::NONE))
+            .map_err(failed)?;
+    let fit =
+        timed(clock, &mut spent.regimes, || with_worst_regime(fit, &problem, window)).map_err(failed)?;
+    timed(clock, &mut spent.changes, || changed(made, window, &fit))?;
     let past = Past::of(incumbent);
-    let judgement = timed(&mut spent.judged, || validate(&problem, &fit, &past, &GatePolicy::default()));
+    let judgement =
+        timed(clock, &mut spent.judged, || validate(&problem, &fit, &past, &GatePolicy::default()));
     let is_served = matches!(judgement.verdict, Verdict::Accepted(_));
     Ok((fit, is_served, spent))
 }
@@ -176,7 +180,7 @@ fn a_night(
 fn changed(made: &World, window: &Window, fit: &Fit) -> Result<(), Failure> {
     let weeks =
         window.slice(window.to() - WINDOW_DAYS as i64 * DAY, window.to()).map_err(|found| faults(&found))?;
-    let problem = twin_room(made, &weeks, "room3", whole(WINDOW_DAYS))?.problem;
+    let problem = watched(made, &weeks, WINDOW_DAYS)?;
     let _ = changes(&fit.simulated(&problem), &fit.theta());
     Ok(())
 }

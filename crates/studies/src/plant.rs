@@ -1,7 +1,7 @@
 //! Chapter 6 of the thesis: seven parameters of a treatment plant from three days of its effluent, and the
 //! eleven days after.
 
-mod case;
+pub mod case;
 mod jena;
 mod page;
 mod realism;

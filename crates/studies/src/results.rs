@@ -16,13 +16,20 @@ struct Section {
     options: &'static str,
 }
 
-const SECTIONS: [Section; 16] = [
+const SECTIONS: [Section; 24] = [
     Section {
         study: "engine",
         title: "The engine and the controller's path",
         about: "A week of a synthetic room with four neighbours, simulated from its text, beside the same \
             method compiled by hand in lanes and beside a scalar fourth-order solver; one thread. Then polls \
             of `/params` with a matching tag, beside a bare route of the same library.",
+        options: "",
+    },
+    Section {
+        study: "counts",
+        title: "What fixed inputs cost",
+        about: "Simulations, derivatives and instructions (callgrind, one thread, vectors of 256 bits), which are the \
+            same however busy a machine is. The whole tests fail where one is more than 5 % above its record.",
         options: "",
     },
     Section {
@@ -46,6 +53,13 @@ const SECTIONS: [Section; 16] = [
         about: "Database and fits together on the cores of one machine, with one process that fits and with \
             four. A commit waits for the disk.",
         options: "",
+    },
+    Section {
+        study: "nights",
+        title: "What a night of one room costs",
+        about: "Fits that begin at the served parameters, night by night on synthetic rooms, beside searches \
+            everywhere: preparing, estimating, looking for changes and judging, on one core.",
+        options: " --worlds 200",
     },
     Section {
         study: "room",
@@ -91,6 +105,46 @@ const SECTIONS: [Section; 16] = [
             the model. An effect is material where knowing it lowers the test error by a tenth. Shares have \
             their counts, and Wilson's interval of 95 %.",
         options: " --worlds 100 --seed 731",
+    },
+    Section {
+        study: "missing-heat",
+        title: "Whether the missing heat is what was hidden",
+        about: "Synthetic rooms of three weeks: how often the bands hold what was hidden hour by hour, and how \
+            well the events that are told are those that were.",
+        options: "",
+    },
+    Section {
+        study: "proposals",
+        title: "Whether the terms that are proposed are what was hidden",
+        about: "Synthetic rooms whose hidden effect is in no catalogue but follows from something measured, at \
+            both distances from the model; and rooms that hide nothing, or what nothing measured explains.",
+        options: " --worlds 20 --seed 97",
+    },
+    Section {
+        study: "real-proposals",
+        title: "Whether proposals find what drives a measured room",
+        about: "Channels have no names that say what they are. The measurements are not part of the project.",
+        options: "",
+    },
+    Section {
+        study: "experiments",
+        title: "Whether experiments teach what they promise",
+        about: "Two planned days behind four weeks of a synthetic room: widths of intervals, effects that could \
+            not be told apart, hours within the bounds of comfort.",
+        options: " --worlds 100 --seed 74",
+    },
+    Section {
+        study: "change",
+        title: "How soon a change is told",
+        about: "Nights of synthetic rooms in which one conductance changes by a fifth, and quiet years.",
+        options: "",
+    },
+    Section {
+        study: "borrowing",
+        title: "What rooms of a house learn from each other",
+        about: "Synthetic houses of eleven rooms: the error of the week behind 5 and behind 28 days, alone, with \
+            what the others' fits say, and with what the others truly are, which nobody can know.",
+        options: " --worlds 8 --seed 12",
     },
     Section {
         study: "real",
@@ -189,7 +243,7 @@ fn page(folder: &Path) -> Result<String, Failure> {
 }
 
 /// A record, where there is one.
-fn record(file: &Path) -> Result<Option<Record>, Failure> {
+pub fn record(file: &Path) -> Result<Option<Record>, Failure> {
     let error = |error: &dyn std::fmt::Display| Failure::Error(format!("{}: {error}", file.display()));
     match std::fs::read_to_string(file) {
         Ok(text) => serde_json::from_str(&text).map(Some).map_err(|found| error(&found)),
