@@ -4,7 +4,7 @@
 //! likelihood decides (generalised least squares with one autoregressive model for all models of a round).
 
 use super::effort::Effort;
-use super::refit::Refit;
+use super::refit::{Refit, polish_together};
 use super::residual::{Autoregression, Whitening, at, residuals, slow_bic, usable};
 use crate::estimate::Problem;
 use crate::estimate::problem::mean_square;
@@ -126,8 +126,8 @@ impl Filters {
     ) -> Optima {
         let [plain_task, white_task] = self.tasks(problem, halt);
         let first = iterations.div_ceil(FIRST_PART);
-        let ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
-            rayon::join(|| white_task.polish(white, first), || plain_task.polish(plain, first));
+        let [(white, white_cost, of_white), (plain, plain_cost, of_plain)] =
+            polish_together([(&white_task, white), (&plain_task, plain)], first);
         Optima { plain, plain_cost, white, white_cost, evaluations: of_white + of_plain }
     }
 
@@ -141,8 +141,8 @@ impl Filters {
             false if plain_task.cost(&white) < plain_cost => vec![white.clone()],
             false => vec![plain],
         };
-        let ((white, white_cost, of_white), (plain, plain_cost, of_plain)) =
-            rayon::join(|| white_task.polish(&[white], rest), || plain_task.polish(&starts, rest));
+        let [(white, white_cost, of_white), (plain, plain_cost, of_plain)] =
+            polish_together([(&white_task, &[white]), (&plain_task, &starts)], rest);
         Optima { plain, plain_cost, white, white_cost, evaluations: evaluations + of_white + of_plain }
     }
 

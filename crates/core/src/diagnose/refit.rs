@@ -31,33 +31,14 @@ impl Refit<'_> {
     /// Levenberg and Marquardt's method from full parameter vectors side by side: the best end, with its cost
     /// and the evaluations of all.
     pub fn polish(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<f64>, f64, usize) {
-        let (ends, evaluations) = self.ends(starts, iterations);
-        let best = ends.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        let (theta, cost) = best.unwrap_or_else(|| (self.problem.nominal().to_vec(), f64::INFINITY));
-        (theta, cost, evaluations)
+        let [best] = polish_together([(self, starts)], iterations);
+        best
     }
 
     /// Where each start ends, its cost there, infinite where the model diverges, and the evaluations of all.
     pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<(Vec<f64>, f64)>, usize) {
-        let usual = LocalOptions {
-            iterations,
-            tolerance: Effort::of(self.problem).tolerance,
-            ..LocalOptions::default()
-        };
-        let options = LocalOptions { step: self.problem.least_step().max(usual.step), ..usual };
-        let places: Vec<Candidate> = starts.iter().map(|start| self.problem.candidate(start)).collect();
-        let mut stage = LocalStage::new(&LocalWay::Residuals(options), &places);
-        let mut evaluations = 0;
-        while let (false, Some(Ask::Residuals(batch))) = ((self.halt)(), stage.propose()) {
-            evaluations += batch.len();
-            let answers = self.evaluate(&batch);
-            stage.digest(&answers);
-        }
-        let ends = stage
-            .places()
-            .into_iter()
-            .map(|(candidate, cost)| (self.problem.theta(&candidate), cost.value()));
-        (ends.collect(), evaluations)
+        let [ends] = ends_together([(self, starts)], iterations);
+        ends
     }
 
     /// The cost at a full parameter vector.
@@ -80,13 +61,20 @@ impl Refit<'_> {
     fn evaluate(&self, candidates: &[Candidate]) -> Vec<Evaluation> {
         let thetas: Vec<Vec<f64>> =
             candidates.iter().map(|candidate| self.problem.theta(candidate)).collect();
-        let series = filtered(self.problem, self.whitening, &thetas, self.halt);
+        self.answers(&simulated(self.problem, &thetas, self.halt), &thetas)
+    }
+
+    /// What residuals of some parameter vectors make of the task.
+    fn answers(&self, series: &[Option<Vec<Vec<f64>>>], thetas: &[Vec<f64>]) -> Vec<Evaluation> {
         series
-            .into_iter()
-            .zip(&thetas)
+            .iter()
+            .zip(thetas)
             .map(|(series, theta)| {
-                let residuals: Vec<f64> = series
-                    .map_or_else(Vec::new, |series| series.into_iter().chain(self.pulls(theta)).collect());
+                let mut residuals =
+                    series.as_ref().map_or_else(Vec::new, |series| self.whitening.apply(series));
+                if series.is_some() {
+                    residuals.extend(self.pulls(theta));
+                }
                 let cost =
                     if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
                 Evaluation {
@@ -132,6 +120,59 @@ impl Refit<'_> {
             (here[row] - moved[column][row]) / steps[column]
         }))
     }
+}
+
+/// The best end of each of several tasks on one problem, as [`Refit::polish`] finds it.
+pub fn polish_together<const N: usize>(
+    tasks: [(&Refit, &[Vec<f64>]); N],
+    iterations: usize,
+) -> [(Vec<f64>, f64, usize); N] {
+    let nominal = tasks[0].0.problem.nominal();
+    ends_together(tasks, iterations).map(|(ends, evaluations)| {
+        let best = ends.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+        let (theta, cost) = best.unwrap_or_else(|| (nominal.to_vec(), f64::INFINITY));
+        (theta, cost, evaluations)
+    })
+}
+
+/// The ends of several tasks on one problem, as [`Refit::ends`] finds them. Their batches are simulated in
+/// the same blocks: two half-empty blocks take nearly twice as long as a full one.
+fn ends_together<const N: usize>(
+    tasks: [(&Refit, &[Vec<f64>]); N],
+    iterations: usize,
+) -> [(Vec<(Vec<f64>, f64)>, usize); N] {
+    let Refit { problem, halt, .. } = *tasks[0].0;
+    let usual =
+        LocalOptions { iterations, tolerance: Effort::of(problem).tolerance, ..LocalOptions::default() };
+    let way = LocalWay::Residuals(LocalOptions { step: problem.least_step().max(usual.step), ..usual });
+    let places =
+        |starts: &[Vec<f64>]| starts.iter().map(|start| problem.candidate(start)).collect::<Vec<_>>();
+    let mut searches = tasks.map(|(task, starts)| (task, LocalStage::new(&way, &places(starts)), 0));
+    while !halt() {
+        let batches = searches.each_ref().map(|(_, stage, _)| match stage.propose() {
+            Some(Ask::Residuals(batch)) => batch,
+            _ => Vec::new(),
+        });
+        let thetas: Vec<Vec<f64>> =
+            batches.iter().flatten().map(|candidate| problem.theta(candidate)).collect();
+        if thetas.is_empty() {
+            break;
+        }
+        let series = simulated(problem, &thetas, halt);
+        let mut first = 0;
+        for ((task, stage, evaluations), batch) in searches.iter_mut().zip(&batches) {
+            let own = first..first + batch.len();
+            first = own.end;
+            *evaluations += own.len();
+            if !own.is_empty() {
+                stage.digest(&task.answers(&series[own.clone()], &thetas[own]));
+            }
+        }
+    }
+    searches.map(|(_, stage, evaluations)| {
+        let ends = stage.places().into_iter();
+        (ends.map(|(candidate, cost)| (problem.theta(&candidate), cost.value())).collect(), evaluations)
+    })
 }
 
 /// The residuals of some parameter vectors up to the end of the training part, by output; `None` for one that

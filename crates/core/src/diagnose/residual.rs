@@ -79,15 +79,7 @@ impl Whitening {
 
     /// The filtered series, one value per row, one output after another.
     pub fn apply(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
-        let filtered = |(filter, series): (&Filter, &Vec<f64>)| -> Vec<f64> {
-            let one = |t: &usize| {
-                let past = |lag: usize| series[t - (lag + 1) * filter.stride];
-                let known: f64 = filter.coefficients.iter().enumerate().map(|(lag, a)| a * past(lag)).sum();
-                (series[*t] - known) * filter.weight
-            };
-            filter.rows.iter().map(one).collect()
-        };
-        self.0.iter().zip(residuals).flat_map(filtered).collect()
+        self.0.iter().zip(residuals).flat_map(|(filter, series)| filter.apply(series)).collect()
     }
 
     /// The samples of an output, each with the place of its value in the filtered series.
@@ -95,6 +87,31 @@ impl Whitening {
         let before: usize = self.0.iter().take(output).map(|filter| filter.rows.len()).sum();
         let rows = self.0.get(output).map_or(&[][..], |filter| filter.rows.as_slice());
         rows.iter().enumerate().map(move |(place, row)| (before + place, *row))
+    }
+}
+
+impl Filter {
+    /// The filtered series of one output. Rows that follow each other go lag by lag, which vectorises and
+    /// adds the terms of each row in the order of the lags all the same.
+    fn apply(&self, series: &[f64]) -> Vec<f64> {
+        let Self { coefficients, rows, stride, weight } = self;
+        let mut filtered = Vec::with_capacity(rows.len());
+        let mut known = vec![0.0; rows.len()];
+        for run in rows.chunk_by(|row, next| next - row == *stride) {
+            let known = &mut known[filtered.len()..][..run.len()];
+            for (lag, a) in coefficients.iter().enumerate() {
+                let past = &series[run[0] - (lag + 1) * stride..];
+                match stride {
+                    1 => known.iter_mut().zip(past).for_each(|(known, past)| *known += a * past),
+                    _ => known
+                        .iter_mut()
+                        .zip(past.iter().step_by(*stride))
+                        .for_each(|(known, past)| *known += a * past),
+                }
+            }
+            filtered.extend(run.iter().zip(known).map(|(row, known)| (series[*row] - *known) * weight));
+        }
+        filtered
     }
 }
 

@@ -345,6 +345,16 @@ impl Drive {
         file.delay_lane(lane, |index, hours| self.past(index, hours, k, step));
     }
 
+    /// Loads the inputs of a step into all lanes, each at an interval of its own.
+    pub fn load_lanes<const W: usize>(&self, file: &mut LaneFile<W>, k: &[usize; W], step: usize) {
+        file.share_lanes(k.map(|k| &self.rows[(k * self.steps + step) * self.width..][..self.width]));
+        if !self.delayed.is_empty() {
+            for (lane, k) in k.iter().enumerate() {
+                file.delay_lane(lane, |index, hours| self.past(index, hours, *k, step));
+            }
+        }
+    }
+
     /// What a delayed input of a step was so many hours ago.
     #[inline(always)]
     fn past(&self, index: usize, hours: f64, k: usize, step: usize) -> f64 {

@@ -115,6 +115,17 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         }
     }
 
+    /// Loads the values that every lane's candidate has for itself in this step.
+    #[inline]
+    pub fn share_lanes(&mut self, rows: [&[f64]; W]) {
+        let start = self.tape.shared_start();
+        for (column, register) in self.registers[start..].iter_mut().take(rows[0].len()).enumerate() {
+            for (value, row) in register.0.iter_mut().zip(&rows) {
+                *value = row[column];
+            }
+        }
+    }
+
     /// Looks the delayed inputs up: `past` gives the value of the input behind the numbered one of the tape
     /// so many hours ago.
     #[inline]

@@ -17,6 +17,18 @@ pub struct StepAlong {
     pub outputs: Vec<f64>,
 }
 
+/// A stretch of one parameter vector, from its states at the first sample. The inputs must be known between
+/// its samples.
+#[derive(Debug, Clone)]
+pub struct Stretch<'a> {
+    /// The samples.
+    pub samples: Range<usize>,
+    /// The parameters.
+    pub theta: &'a [f64],
+    /// The states at the first sample.
+    pub start: &'a [f64],
+}
+
 impl Simulator {
     /// Runs the samples of a stretch for every pair of a parameter vector and its states at the first sample;
     /// as many of the one as of the other. Gives `[pair][output][sample of the stretch]`; the inputs must be
@@ -27,16 +39,22 @@ impl Simulator {
         thetas: &[&[f64]],
         starts: &[&[f64]],
     ) -> Vec<Vec<Vec<f64>>> {
-        if let ([theta], [start]) = (thetas, starts) {
-            return self.stretch::<1>(samples, &[*theta], &[*start]);
-        }
-        let block = |(thetas, starts): (&[&[f64]], &[&[f64]])| match thetas.len() {
-            1..=4 => self.stretch::<4>(samples.clone(), thetas, starts),
-            5..=8 => self.stretch::<8>(samples.clone(), thetas, starts),
-            9..=16 => self.stretch::<16>(samples.clone(), thetas, starts),
-            _ => self.stretch::<LANES>(samples.clone(), thetas, starts),
+        let pairs = thetas.iter().zip(starts);
+        let stretch = |(theta, start)| Stretch { samples: samples.clone(), theta, start };
+        self.run_stretches(&pairs.map(|(theta, start)| stretch((*theta, *start))).collect::<Vec<_>>())
+    }
+
+    /// Runs several stretches, side by side wherever they lie: `[stretch][output][sample of the stretch]`.
+    /// Few parameter vectors along many short stretches so fill the lanes all the same.
+    pub fn run_stretches(&self, stretches: &[Stretch]) -> Vec<Vec<Vec<f64>>> {
+        let block = |stretches: &[Stretch]| match stretches.len() {
+            1 => self.abreast::<1>(stretches),
+            2..=4 => self.abreast::<4>(stretches),
+            5..=8 => self.abreast::<8>(stretches),
+            9..=16 => self.abreast::<16>(stretches),
+            _ => self.abreast::<LANES>(stretches),
         };
-        thetas.chunks(LANES).zip(starts.chunks(LANES)).flat_map(block).collect()
+        stretches.chunks(LANES).flat_map(block).collect()
     }
 
     /// The states a sample later and the outputs now of every parameter vector, from the same states at each
@@ -82,30 +100,36 @@ impl Simulator {
         }
     }
 
-    fn stretch<const W: usize>(
-        &self,
-        samples: Range<usize>,
-        thetas: &[&[f64]],
-        starts: &[&[f64]],
-    ) -> Vec<Vec<Vec<f64>>> {
+    fn abreast<const W: usize>(&self, stretches: &[Stretch]) -> Vec<Vec<Vec<f64>>> {
         let (step_tape, drive, substeps, hours) = self.step_parts();
         let (output_tape, output_drive) = self.output_parts();
+        let thetas: Vec<&[f64]> = stretches.iter().map(|stretch| stretch.theta).collect();
         let mut file = LaneFile::<W>::new(step_tape);
-        file.load(thetas, hours);
+        file.load(&thetas, hours);
         let mut out = LaneFile::<W>::new(output_tape);
-        out.load(thetas, 0.0);
+        out.load(&thetas, 0.0);
+        let lanes: [&Stretch; W] = std::array::from_fn(|lane| &stretches[lane.min(stretches.len() - 1)]);
+        let together = stretches.iter().all(|stretch| stretch.samples == stretches[0].samples);
         let states = self.initial.len();
         for state in 0..states {
-            *file.state(state) = std::array::from_fn(|lane| starts[lane.min(starts.len() - 1)][state]);
+            *file.state(state) = lanes.map(|stretch| stretch.start[state]);
         }
-        let mut values: Vec<Vec<Vec<f64>>> =
-            vec![vec![Vec::with_capacity(samples.len()); output_tape.roots.len()]; thetas.len()];
+        let longest = stretches.iter().map(|stretch| stretch.samples.len()).max().unwrap_or(0);
+        let series =
+            |stretch: &Stretch| vec![Vec::with_capacity(stretch.samples.len()); output_tape.roots.len()];
+        let mut values: Vec<Vec<Vec<f64>>> = stretches.iter().map(series).collect();
         let mut meter = Meter::new(&self.brake);
-        for k in samples.clone() {
+        for along in 0..longest {
             meter.add(W * (substeps * step_tape.step.len() + output_tape.step.len()));
-            if k > samples.start {
+            // A lane whose stretch is over goes on at its end, and nobody looks.
+            let now = lanes.map(|stretch| (stretch.samples.start + along).min(stretch.samples.end - 1));
+            if along > 0 {
+                let before = now.map(|k| k.saturating_sub(1));
                 for step in 0..substeps {
-                    drive.load(&mut file, k - 1, step);
+                    match together {
+                        true => drive.load(&mut file, before[0], step),
+                        false => drive.load_lanes(&mut file, &before, step),
+                    }
                     file.step();
                     file.advance();
                 }
@@ -113,13 +137,16 @@ impl Simulator {
             for state in 0..states {
                 *out.state(state) = *file.state(state);
             }
-            output_drive.load(&mut out, k, 0);
+            match together {
+                true => output_drive.load(&mut out, now[0], 0),
+                false => output_drive.load_lanes(&mut out, &now, 0),
+            }
             out.step();
-            for (lane, series) in values.iter_mut().enumerate() {
-                series
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(output, series)| series.push(out.root(output)[lane]));
+            for (lane, (stretch, series)) in stretches.iter().zip(&mut values).enumerate() {
+                if along < stretch.samples.len() {
+                    let outputs = series.iter_mut().enumerate();
+                    outputs.for_each(|(output, series)| series.push(out.root(output)[lane]));
+                }
             }
         }
         values

@@ -18,6 +18,7 @@ use super::problem::predictor::Predictor;
 use crate::data::DAY;
 use crate::model::Initial;
 use crate::simulate::Simulator;
+use crate::simulate::segment::Stretch;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::ops::Range;
 
@@ -240,10 +241,16 @@ impl Segments {
         thetas: &[&[f64]],
         starts: &[Vec<f64>],
     ) -> Vec<Vec<f64>> {
+        let pieces = self.pieces.iter().zip(starts);
+        let stretches: Vec<Stretch> = pieces
+            .flat_map(|(piece, start)| {
+                thetas.iter().map(|theta| Stretch { samples: piece.clone(), theta, start })
+            })
+            .collect();
+        let runs = simulator.run_stretches(&stretches);
         let mut values = vec![vec![0.0; self.rows.len()]; thetas.len()];
-        for ((piece, rows), start) in self.pieces.iter().zip(&self.of_piece).zip(starts) {
-            let runs = simulator.run_from(piece.clone(), thetas, &vec![start.as_slice(); thetas.len()]);
-            for (values, run) in values.iter_mut().zip(&runs) {
+        for ((piece, rows), runs) in self.pieces.iter().zip(&self.of_piece).zip(runs.chunks(thetas.len())) {
+            for (values, run) in values.iter_mut().zip(runs) {
                 for row in rows.clone() {
                     let (output, k, _) = self.rows[row];
                     values[row] = run[output][k - piece.start] / problem.scale(output);
