@@ -1,13 +1,12 @@
 //! The lane evaluator: one instruction works on a whole block of candidates, in loops that the compiler
 //! turns into vector code for the CPU it finds at start.
 //!
-//! There is one interpreter, [`interpret`], written once and instantiated per instruction set. No fused
+//! There is one interpreter, `opcode::interpret`, written once and instantiated per instruction set. No fused
 //! multiply-add is used, so every CPU gives the same bits, and those of the canonical operations.
 
 use super::dual::MatrixEntry;
-use crate::model::expr::{Binary, Unary, select};
-use crate::model::math;
-use crate::model::tape::{Instruction, Pair, Tape};
+use super::opcode::{Opcode, interpret};
+use crate::model::tape::{Instruction, Tape};
 use std::ops::{Add, Mul};
 
 /// Candidates in a block.
@@ -71,6 +70,8 @@ impl<const W: usize> MatrixEntry for Lane<W> {
 #[derive(Debug, Clone)]
 pub struct LaneFile<'t, const W: usize> {
     tape: &'t Tape,
+    candidate: Vec<Opcode>,
+    step: Vec<Opcode>,
     registers: Vec<Lane<W>>,
     cpu: Cpu,
 }
@@ -82,7 +83,9 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         for (register, constant) in registers[tape.parameters + 1..].iter_mut().zip(&tape.constants) {
             *register = Lane([*constant; W]);
         }
-        Self { tape, registers, cpu: Cpu::detect() }
+        let flat = |code: &[Instruction]| code.iter().copied().map(Opcode::from).collect();
+        let (candidate, step) = (flat(&tape.candidate), flat(&tape.step));
+        Self { tape, candidate, step, registers, cpu: Cpu::detect() }
     }
 
     /// Loads parameter vectors and the step length in hours, and computes what depends on them alone. A
@@ -94,7 +97,7 @@ impl<'t, const W: usize> LaneFile<'t, W> {
             }
         }
         self.registers[self.tape.step_register()] = Lane([hours; W]);
-        run(self.cpu, &self.tape.candidate, &mut self.registers, self.tape.candidate_start());
+        run(self.cpu, &self.candidate, &mut self.registers, self.tape.candidate_start());
     }
 
     /// Loads the values that all candidates share in this step.
@@ -169,7 +172,7 @@ impl<'t, const W: usize> LaneFile<'t, W> {
     /// Evaluates the step.
     #[inline]
     pub fn step(&mut self) {
-        run(self.cpu, &self.tape.step, &mut self.registers, self.tape.step_start());
+        run(self.cpu, &self.step, &mut self.registers, self.tape.step_start());
     }
 
     /// A root of the tape, after [`LaneFile::step`].
@@ -274,7 +277,7 @@ pub fn dispatch<K: Kernel>(cpu: Cpu, kernel: K) -> K::Output {
 
 /// Code whose first result goes to register `first`.
 struct Run<'a, const W: usize> {
-    code: &'a [Instruction],
+    code: &'a [Opcode],
     registers: &'a mut [Lane<W>],
     first: usize,
 }
@@ -289,110 +292,14 @@ impl<const W: usize> Kernel for Run<'_, W> {
 }
 
 #[inline]
-fn run<const W: usize>(cpu: Cpu, code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
+fn run<const W: usize>(cpu: Cpu, code: &[Opcode], registers: &mut [Lane<W>], first: usize) {
     dispatch(cpu, Run { code, registers, first });
-}
-
-/// The interpreter. Results lie above their operands, so the file splits at each result without overlap.
-#[inline(always)]
-fn interpret<const W: usize>(code: &[Instruction], registers: &mut [Lane<W>], first: usize) {
-    for (offset, instruction) in code.iter().enumerate() {
-        let (below, above) = registers.split_at_mut(first + offset);
-        let Some(out) = above.first_mut() else { return };
-        match *instruction {
-            Instruction::Binary(op, a, b) => {
-                let (a, b) = (&below[a as usize], &below[b as usize]);
-                match op {
-                    Binary::Add => two(out, a, b, |x, y| x + y),
-                    Binary::Sub => two(out, a, b, |x, y| x - y),
-                    Binary::Mul => two(out, a, b, |x, y| x * y),
-                    Binary::Div => two(out, a, b, |x, y| x / y),
-                    Binary::Min => two(out, a, b, |x, y| Binary::Min.apply(x, y)),
-                    Binary::Max => two(out, a, b, |x, y| Binary::Max.apply(x, y)),
-                    Binary::Pow => two(out, a, b, math::pow),
-                    Binary::Less => two(out, a, b, |x, y| Binary::Less.apply(x, y)),
-                    Binary::LessEqual => two(out, a, b, |x, y| Binary::LessEqual.apply(x, y)),
-                    Binary::Equal => two(out, a, b, |x, y| Binary::Equal.apply(x, y)),
-                }
-            }
-            Instruction::Unary(op, x) => {
-                let x = &below[x as usize];
-                match op {
-                    Unary::Neg => one(out, x, |x| -x),
-                    Unary::Abs => one(out, x, f64::abs),
-                    Unary::Exp => one(out, x, math::exp),
-                    Unary::Log => one(out, x, math::log),
-                    Unary::Sqrt => one(out, x, f64::sqrt),
-                    Unary::Sin => one(out, x, math::sin),
-                    Unary::Cos => one(out, x, math::cos),
-                    Unary::Tanh => one(out, x, math::tanh),
-                }
-            }
-            Instruction::Pair(pair, a, b, c) => {
-                let (a, b, c) = (&below[a as usize], &below[b as usize], &below[c as usize]);
-                match pair {
-                    Pair::MulAdd => three(out, a, b, c, |a, b, c| Pair::MulAdd.apply(a, b, c)),
-                    Pair::MulSub => three(out, a, b, c, |a, b, c| Pair::MulSub.apply(a, b, c)),
-                    Pair::SubMul => three(out, a, b, c, |a, b, c| Pair::SubMul.apply(a, b, c)),
-                    Pair::MulMul => three(out, a, b, c, |a, b, c| Pair::MulMul.apply(a, b, c)),
-                    Pair::AddMul => three(out, a, b, c, |a, b, c| Pair::AddMul.apply(a, b, c)),
-                    Pair::DifferenceMul => three(out, a, b, c, |a, b, c| Pair::DifferenceMul.apply(a, b, c)),
-                    Pair::AddAdd => three(out, a, b, c, |a, b, c| Pair::AddAdd.apply(a, b, c)),
-                    Pair::DifferenceAdd => three(out, a, b, c, |a, b, c| Pair::DifferenceAdd.apply(a, b, c)),
-                    Pair::AddSub => three(out, a, b, c, |a, b, c| Pair::AddSub.apply(a, b, c)),
-                    Pair::SubAdd => three(out, a, b, c, |a, b, c| Pair::SubAdd.apply(a, b, c)),
-                    Pair::DifferenceSub => three(out, a, b, c, |a, b, c| Pair::DifferenceSub.apply(a, b, c)),
-                    Pair::SubDifference => three(out, a, b, c, |a, b, c| Pair::SubDifference.apply(a, b, c)),
-                }
-            }
-            Instruction::Conduct(a, b, c, d) => {
-                let (a, b, c, d) =
-                    (&below[a as usize], &below[b as usize], &below[c as usize], &below[d as usize]);
-                for lane in 0..W {
-                    out.0[lane] = (a.0[lane] - b.0[lane]) * c.0[lane] + d.0[lane];
-                }
-            }
-            Instruction::Select(c, a, b) => {
-                let (c, a, b) = (&below[c as usize], &below[a as usize], &below[b as usize]);
-                for lane in 0..W {
-                    out.0[lane] = select(c.0[lane], a.0[lane], b.0[lane]);
-                }
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn one<const W: usize>(out: &mut Lane<W>, x: &Lane<W>, f: impl Fn(f64) -> f64) {
-    for lane in 0..W {
-        out.0[lane] = f(x.0[lane]);
-    }
-}
-
-#[inline(always)]
-fn two<const W: usize>(out: &mut Lane<W>, a: &Lane<W>, b: &Lane<W>, f: impl Fn(f64, f64) -> f64) {
-    for lane in 0..W {
-        out.0[lane] = f(a.0[lane], b.0[lane]);
-    }
-}
-
-#[inline(always)]
-fn three<const W: usize>(
-    out: &mut Lane<W>,
-    a: &Lane<W>,
-    b: &Lane<W>,
-    c: &Lane<W>,
-    f: impl Fn(f64, f64, f64) -> f64,
-) {
-    for lane in 0..W {
-        out.0[lane] = f(a.0[lane], b.0[lane], c.0[lane]);
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::expr::{Graph, Node};
+    use crate::model::expr::{Binary, Graph, Node, Unary};
     use crate::model::tape::schedule;
 
     /// Every operation, on arguments that include the awkward ones, on every instruction set.

@@ -1,9 +1,10 @@
 //! (Model, inputs, parameter vectors) to trajectories, a block of candidates at a time.
 //!
 //! `stepper` writes one step as an expression graph, `model::tape` stages it, `drive` evaluates what all
-//! candidates share, `lanes` evaluates the rest, `trajectory` walks the window and `run` says which way,
-//! `segment` walks stretches of it from states of their own, `kalman` filters it (`walk` is a filter on its
-//! way), `predict` goes on from there and `linearise` gives the matrices of every step (`flow`).
+//! candidates share, `lanes` evaluates the rest (by the interpreter of `opcode`), `trajectory` walks the
+//! window and `run` says which way, `segment` walks stretches of it from states of their own, `kalman`
+//! filters it (`walk` is a filter on its way), `predict` goes on from there and `linearise` gives the
+//! matrices of every step (`flow`).
 //!
 //! Large stiff models are stepped explicitly: `rkc` takes one lane through its stages with the coefficients
 //! of `chebyshev`, `vectors` does the arithmetic of all lanes, `block` gives lanes to candidates.
@@ -27,6 +28,7 @@ mod likelihood_tests;
 pub mod linearise;
 #[cfg(test)]
 mod linearise_tests;
+mod opcode;
 pub mod predict;
 mod registers;
 mod rkc;
