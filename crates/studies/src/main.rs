@@ -13,6 +13,7 @@ mod experiments;
 mod file;
 mod fleet;
 mod functions;
+mod functions_hard;
 mod hand;
 mod house;
 mod judged;
@@ -97,6 +98,9 @@ enum Study {
     DiagnosePlant(Worlds),
     /// Chapter 5 of the thesis: the firefly family and its rivals on three functions.
     Functions(functions::Arguments),
+    /// Functions that are shifted, rotated and ill-conditioned, BBOB's among them: expected running times of
+    /// the default search and its rivals.
+    FunctionsHard(functions_hard::Arguments),
     /// Each modification of the firefly algorithm alone removed from cFA, and alone added to the original.
     Ablation(Seeds),
     /// How the evaluations of a generation grow with the population.
@@ -139,6 +143,7 @@ impl Study {
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
             Self::Functions(asked) => ("functions", Some(asked.seeds.first.seed)),
+            Self::FunctionsHard(asked) => ("functions-hard", Some(asked.seeds.first.seed)),
             Self::Ablation(asked) => ("ablation", Some(asked.first.seed)),
             Self::Complexity(asked) => ("complexity", Some(asked.first.seed)),
             Self::Likelihood(asked) => ("likelihood", Some(asked.first.seed)),
@@ -187,6 +192,11 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
             rows
         }
         Study::Functions(asked) => functions::run(asked, as_json)?,
+        Study::FunctionsHard(asked) => {
+            let (rows, document) = functions_hard::run(asked, as_json);
+            more = document;
+            rows
+        }
         Study::Ablation(asked) => ablation::run(asked),
         Study::Complexity(asked) => complexity::run(asked),
         Study::Likelihood(asked) => likelihood::run(asked)?,

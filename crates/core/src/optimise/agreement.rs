@@ -48,6 +48,13 @@ impl Agreement {
         Self { options, last: None, best: None, confirmed: 0, fruitless: 0 }
     }
 
+    /// Whether an optimum is as good as the best known, or better.
+    pub fn rivals(&self, found: &(Candidate, Cost)) -> bool {
+        let known = self.best.as_ref();
+        found.1 != Cost::Diverged
+            && known.is_none_or(|best| found.1 < best.1 || same(found, best, self.options.within))
+    }
+
     /// Takes the optimum of one more restart, or that it found none, and says whether the search is over.
     ///
     /// Converged: this restart and the one before reached the same cost or the same place, that is the best

@@ -102,10 +102,12 @@ pub struct OnCostsOptions {
     pub crossover: f64,
     /// Probability that a coordinate that moves is drawn anew: the way out of a place that all others share.
     pub leap: f64,
+    /// Standard deviation of the first steps of the clouds that take turns with swarms; 0 for no clouds.
+    pub cloud: f64,
 }
 
 impl Default for OnCostsOptions {
     fn default() -> Self {
-        Self { swarm: 300, gamma: 0.1, crossover: 0.8, leap: 0.2 }
+        Self { swarm: 300, gamma: 0.1, crossover: 0.8, leap: 0.2, cloud: 0.2 }
     }
 }

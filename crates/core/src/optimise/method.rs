@@ -184,6 +184,7 @@ impl Method {
                 check.real("on_costs.gamma", o.on_costs.gamma, 0.0, 1e6);
                 check.real("on_costs.crossover", o.on_costs.crossover, 0.0, 1.0);
                 check.real("on_costs.leap", o.on_costs.leap, 0.0, 1.0);
+                check.real("on_costs.cloud", o.on_costs.cloud, 0.0, 1.0);
                 check.real("growth", o.growth, 1.0, 100.0);
                 check.count("stall", o.stall, 0, 1_000_000_000);
                 check.count("starts", o.starts, 0, 64);
@@ -341,7 +342,7 @@ mod tests {
     fn a_seed_fixes_the_course_of_every_method() {
         use crate::optimise::functions::{Function, drive};
         let golden: [(&str, usize, usize); 10] = [
-            ("cfa", 4124, 221),
+            ("cfa", 8996, 645),
             ("cfa_thesis", 17_577, 70),
             ("cfa_hierarchical", 16_603, 70),
             ("lm_multistart", 5520, 18),

@@ -6,7 +6,9 @@
 pub mod agreement;
 mod budget;
 pub mod cfa_options;
+pub mod clouds;
 pub mod clustered;
+pub mod covariance;
 pub mod ctsm;
 mod descent;
 pub mod fa;
@@ -30,7 +32,7 @@ mod swarm;
 pub mod thesis_options;
 mod trust_region;
 
-pub use firefly::{Crowd, Edges};
+pub use firefly::{Crowd, Edges, stream as random_stream};
 pub use method::{Method, Range};
 pub use search::Search;
 pub use space::{Candidate, Dimension, DimensionScale, Space, Theta};
