@@ -42,10 +42,6 @@ impl<'a> Watch<'a> {
         error
     }
 
-    pub fn evaluations(&self) -> usize {
-        self.evaluations
-    }
-
     /// Whether all targets are met, or nothing is left.
     pub fn over(&self) -> bool {
         self.evaluations >= self.budget || self.reached[TARGETS.len() - 1].is_some()
