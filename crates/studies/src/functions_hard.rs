@@ -10,7 +10,6 @@ mod table;
 mod task;
 mod watch;
 
-use super::functions::methods;
 use super::options::{Only, Seeds};
 use super::row::Row;
 use lampyris::cli::print;

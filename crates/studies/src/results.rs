@@ -16,7 +16,7 @@ struct Section {
     options: &'static str,
 }
 
-const SECTIONS: [Section; 24] = [
+const SECTIONS: [Section; 25] = [
     Section {
         study: "engine",
         title: "The engine and the controller's path",
@@ -74,6 +74,13 @@ const SECTIONS: [Section; 24] = [
         about: "Chapter 5 of the thesis with its functions, budgets and settings, and the rivals beside it. \
             `--html FILE` writes the tables of every method and the claims of section 5.4.",
         options: " --seed 90000",
+    },
+    Section {
+        study: "functions-hard",
+        title: "Functions that are shifted, rotated and ill-conditioned",
+        about: "Expected running times to three targets on the functions of the thesis, moved and turned, and on \
+            thirteen of BBOB's in 5 and 10 dimensions, each seed an instance of its own.",
+        options: " --seeds 10 --seed 501",
     },
     Section {
         study: "ablation",

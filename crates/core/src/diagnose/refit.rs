@@ -27,6 +27,9 @@ pub struct Refit<'a> {
     pub halt: Halt<'a>,
 }
 
+/// Where each start ends and its cost there, and the evaluations of all.
+pub type Ends = (Vec<(Vec<f64>, f64)>, usize);
+
 impl Refit<'_> {
     /// Levenberg and Marquardt's method from full parameter vectors side by side: the best end, with its cost
     /// and the evaluations of all.
@@ -36,7 +39,7 @@ impl Refit<'_> {
     }
 
     /// Where each start ends, its cost there, infinite where the model diverges, and the evaluations of all.
-    pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> (Vec<(Vec<f64>, f64)>, usize) {
+    pub fn ends(&self, starts: &[Vec<f64>], iterations: usize) -> Ends {
         let [ends] = ends_together([(self, starts)], iterations);
         ends
     }
@@ -137,10 +140,7 @@ pub fn polish_together<const N: usize>(
 
 /// The ends of several tasks on one problem, as [`Refit::ends`] finds them. Their batches are simulated in
 /// the same blocks: two half-empty blocks take nearly twice as long as a full one.
-fn ends_together<const N: usize>(
-    tasks: [(&Refit, &[Vec<f64>]); N],
-    iterations: usize,
-) -> [(Vec<(Vec<f64>, f64)>, usize); N] {
+fn ends_together<const N: usize>(tasks: [(&Refit, &[Vec<f64>]); N], iterations: usize) -> [Ends; N] {
     let Refit { problem, halt, .. } = *tasks[0].0;
     let usual =
         LocalOptions { iterations, tolerance: Effort::of(problem).tolerance, ..LocalOptions::default() };

@@ -7,7 +7,7 @@
 use rand::RngExt;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::covariance::Covariance;
+use super::covariance::Cloud;
 use super::firefly::stream;
 use super::{Candidate, Cost};
 
@@ -32,7 +32,7 @@ pub struct Clouds {
     seed: u64,
     sigma: f64,
     stream: Xoshiro256PlusPlus,
-    cloud: Covariance,
+    cloud: Cloud,
     kind: Kind,
     /// Evaluations of the present cloud, and most of them.
     used: usize,
@@ -49,14 +49,14 @@ impl Clouds {
     /// cube, and those of the large ones.
     pub fn new(dimensions: usize, sigma: f64, seed: u64) -> Self {
         let mut own = stream(seed, STREAMS);
-        let largest = Covariance::size(dimensions);
+        let largest = Cloud::size(dimensions);
         let start = start(dimensions, &mut own);
         Self {
             dimensions,
             seed,
             sigma,
             stream: own,
-            cloud: Covariance::new(&start, sigma, largest, stream(seed, STREAMS + 1)),
+            cloud: Cloud::new(&start, sigma, largest, stream(seed, STREAMS + 1)),
             kind: Kind::First,
             used: 0,
             most: usize::MAX,
@@ -75,7 +75,7 @@ impl Clouds {
         }
         let start = start(self.dimensions, &mut self.stream);
         let [grown, narrow]: [f64; 2] = std::array::from_fn(|_| self.stream.random());
-        let usual = Covariance::size(self.dimensions);
+        let usual = Cloud::size(self.dimensions);
         let (size, sigma);
         if self.spent[0] <= self.spent[1] {
             self.largest = self.largest.saturating_mul(2).min(1 << 24);
@@ -88,7 +88,7 @@ impl Clouds {
         }
         self.begun += 1;
         self.used = 0;
-        self.cloud = Covariance::new(&start, sigma, size, stream(self.seed, STREAMS + self.begun));
+        self.cloud = Cloud::new(&start, sigma, size, stream(self.seed, STREAMS + self.begun));
     }
 
     /// The next generation of the present cloud; none when it has ended.
@@ -134,6 +134,6 @@ mod tests {
         }
         let [large, small] = clouds.spent;
         assert!(large.abs_diff(small) < (large + small) / 2, "{large} {small}");
-        assert!(largest[39] >= 8 * Covariance::size(3) && largest.is_sorted());
+        assert!(largest[39] >= 8 * Cloud::size(3) && largest.is_sorted());
     }
 }

@@ -74,7 +74,7 @@ impl Constants {
 
 /// One run of the cloud.
 #[derive(Debug)]
-pub struct Covariance {
+pub struct Cloud {
     constants: Constants,
     stream: Xoshiro256PlusPlus,
     mean: DVector<f64>,
@@ -97,7 +97,7 @@ pub struct Covariance {
     ended: bool,
 }
 
-impl Covariance {
+impl Cloud {
     /// How many candidates a generation has unless somebody knows better.
     pub fn size(dimensions: usize) -> usize {
         4 + (3.0 * (dimensions.max(1) as f64).ln()).floor() as usize
@@ -291,8 +291,8 @@ mod tests {
     use crate::optimise::functions::Function;
 
     fn lowest(start: Vec<f64>, seed: u64, cost: impl Fn(&[f64]) -> f64) -> (f64, usize) {
-        let size = Covariance::size(start.len());
-        let mut cloud = Covariance::new(&Candidate(start), 0.2, size, stream(seed, 0));
+        let size = Cloud::size(start.len());
+        let mut cloud = Cloud::new(&Candidate(start), 0.2, size, stream(seed, 0));
         let mut evaluations = 0;
         while let Some(batch) = cloud.propose() {
             assert!(batch.iter().all(|candidate| candidate.0.iter().all(|x| (0.0..=1.0).contains(x))));

@@ -7,9 +7,9 @@
 //! that; a handful of least-squares steps does it better. Where there are no residuals the moves are greedy,
 //! change few coordinates and sometimes leap, and BOBYQA descends.
 //!
-//! Moves of few coordinates are lost in a valley that runs across the axes. Where there are only costs, swarms
-//! therefore take turns with clouds that learn the axes (`clouds`) and have two thirds of the evaluations, so
-//! that a search takes about half as long again as clouds alone at worst.
+//! Moves of few coordinates are lost in a valley that runs across the axes. Where there are only costs,
+//! swarms therefore take turns with clouds that learn the axes (`clouds`) and have two thirds of the
+//! evaluations, so that a search takes about half as long again as clouds alone at worst.
 
 use super::cfa_options::CfaOptions;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -154,8 +154,8 @@ impl Cfa {
         Stage::Local(LocalStage::new(&self.way, &starts))
     }
 
-    /// A cloud is over. One that ends above what is known says nothing of it: a large cloud is easily drawn to
-    /// the wrong basin, and would part two swarms that agree.
+    /// A cloud is over. One that ends above what is known says nothing of it: a large cloud is easily drawn
+    /// to the wrong basin, and would part two swarms that agree.
     fn gather(&mut self, found: (Candidate, Cost)) -> Stage {
         if self.agreement.rivals(&found) { self.restart(vec![found]) } else { self.set_out() }
     }

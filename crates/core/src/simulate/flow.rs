@@ -2,7 +2,8 @@
 //! side: the equations are linearised in the middle of each stretch of it, which is stepped exactly.
 
 use super::drive::Drive;
-use super::lanes::{Kernel, Lane, LaneFile, dispatch};
+use super::lane::Lane;
+use super::lanes::{Kernel, LaneFile, dispatch};
 use super::transition::{Transition, propagate};
 use super::walk::Noise;
 use crate::interrupt::Brake;

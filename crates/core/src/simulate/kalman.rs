@@ -3,7 +3,8 @@
 //! Extended form: the mean goes through the model's own stepper, the covariance through the linearised model
 //! (`transition`), so that the filter is exact for linear models. Behind a gap in the inputs it starts again.
 
-use super::lanes::{LANES, Lane, LaneFile};
+use super::lane::Lane;
+use super::lanes::{LANES, LaneFile};
 use super::walk::Walk;
 pub use super::walk::{Kalman, Noise};
 use crate::interrupt::Meter;

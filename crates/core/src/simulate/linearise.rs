@@ -8,7 +8,8 @@
 use super::drive::{Drive, Inputs};
 use super::flow::{Flow, FlowModel, LaneFlow};
 use super::kalman::Noise;
-use super::lanes::{Lane, LaneFile};
+use super::lane::Lane;
+use super::lanes::LaneFile;
 use crate::interrupt::Brake;
 use crate::model::derivative::derivatives;
 use crate::model::entrance::entrances;

@@ -21,6 +21,7 @@ pub mod drive;
 mod dual;
 mod flow;
 pub mod kalman;
+pub mod lane;
 pub mod lanes;
 pub mod likelihood;
 #[cfg(test)]

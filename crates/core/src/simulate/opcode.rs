@@ -3,7 +3,7 @@
 //! An instruction is a family and a member, which would be two jumps; beside few lanes a jump takes longer
 //! than the arithmetic. So the code of a register file is flat: a tag, a jump, and the loop over the lanes.
 
-use super::lanes::Lane;
+use super::lane::Lane;
 use crate::model::expr::{Binary, Unary, select};
 use crate::model::math;
 use crate::model::tape::{Instruction, Pair};
@@ -168,7 +168,7 @@ pub(super) fn interpret<const W: usize>(code: &[Opcode], registers: &mut [Lane<W
             Opcode::SubDifference(a, b, c) => {
                 three(out, below, [a, b, c], |a, b, c| Pair::SubDifference.apply(a, b, c))
             }
-            Opcode::Select(c, a, b) => three(out, below, [c, a, b], |c, a, b| select(c, a, b)),
+            Opcode::Select(c, a, b) => three(out, below, [c, a, b], select),
             Opcode::Conduct(a, b, c, d) => {
                 let (a, b, c, d) =
                     (&below[a as usize], &below[b as usize], &below[c as usize], &below[d as usize]);

@@ -2,7 +2,7 @@
 //! from then on.
 
 use super::kalman::{Filtered, Kalman, Noise};
-use super::lanes::Lane;
+use super::lane::Lane;
 use super::walk::Walk;
 
 /// States as they are believed to be.

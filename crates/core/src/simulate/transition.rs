@@ -6,7 +6,7 @@
 //! positive.
 
 use super::dual::MatrixEntry;
-use super::lanes::Lane;
+use super::lane::Lane;
 use crate::interrupt::{Brake, Meter};
 
 /// Terms of the series where the step is exact and kept.

@@ -4,7 +4,8 @@
 //! Every lane is at a place of its own in its own step, so one pass does for each lane what its [`Moves`]
 //! say.
 
-use super::lanes::{Cpu, Kernel, Lane, LaneFile, dispatch};
+use super::lane::Lane;
+use super::lanes::{Cpu, Kernel, LaneFile, dispatch};
 
 /// A value per state and lane.
 #[derive(Debug, Clone)]

@@ -2,7 +2,8 @@
 //! and parameters of its own where there are several, and all see the same inputs and values.
 
 use super::drive::{Drive, Inputs};
-use super::lanes::{Kernel, Lane, LaneFile, dispatch};
+use super::lane::Lane;
+use super::lanes::{Kernel, LaneFile, dispatch};
 use super::stepper::{jacobian_tape, observation_tape};
 use super::trajectory::{MeasuredOutput, Simulator};
 use super::transition::{Transition, propagate};

@@ -5,6 +5,11 @@ use super::dice::Dice;
 use super::measured::{MEASURED, MoreSeries, lagged};
 use crate::fault::{Fault, nearest};
 
+/// So large a share of the hours with this sun, in clear suns at the zenith, a room with blinds is too cool
+/// for them to close.
+const BELOW_BLINDS: (f64, f64) = (0.3, 0.7);
+const BRIGHT: f64 = 0.1;
+
 /// An effect of the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
@@ -132,6 +137,18 @@ impl Kind {
             "heater" => Kind::Heater,
             _ => return Err(unknown()),
         })
+    }
+
+    /// An effect as somebody has installed it in a room, of which is known what it shows without, from its
+    /// first step on. Blinds that never close hide nothing, and those that always do are a smaller window.
+    pub fn fitting(self, climate: &Climate, bare: &[f64], first: usize, dice: &mut Dice) -> Self {
+        let Kind::Blinds(_) = self else { return self };
+        let sunny = bare.iter().enumerate().skip(first).filter(|(step, _)| climate.sun(*step) > BRIGHT);
+        let mut warm: Vec<f64> = sunny.map(|(_, warm)| *warm).collect();
+        warm.sort_by(f64::total_cmp);
+        let (low, high) = BELOW_BLINDS;
+        let place = (dice.between(low, high) * warm.len() as f64) as usize;
+        warm.get(place).map_or(self, |above| Kind::Blinds(*above))
     }
 
     /// The name of the catalogue's effect that comes closest, or its own where it is in no catalogue.

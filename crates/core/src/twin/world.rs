@@ -22,10 +22,6 @@ const QUANTUM: f64 = 0.1;
 const SENSOR_NOISE: f64 = 0.05;
 /// Blinds close over some tenths of a kelvin.
 const BLINDS: f64 = 0.1;
-/// So large a share of the hours with this sun, in clear suns at the zenith, a room with blinds is too cool
-/// for them to close.
-const BELOW_BLINDS: (f64, f64) = (0.3, 0.7);
-const BRIGHT: f64 = 0.1;
 /// What is measured beyond has another seed, that differs by this.
 const MORE: u64 = 0x6d6f_7265;
 /// How far ahead it is asked what the hidden effects do, in hours.
@@ -203,7 +199,7 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
     let mut hidden = Vec::new();
     let mut effects = Vec::new();
     for name in &request.effects {
-        let kind = room.fitting(Kind::named(name, &mut dice)?, &bare, &mut others);
+        let kind = Kind::named(name, &mut dice)?.fitting(&room.climate, &bare, first_day, &mut others);
         let shape = kind.shape(&mut dice, &room.climate, room.more.as_ref());
         let sign = if kind.two_sided() && dice.uniform() < 0.5 { -1.0 } else { 1.0 };
         let (effect, moves) = room.sized(
@@ -251,19 +247,6 @@ pub fn world(request: &WorldRequest) -> Result<World, Fault> {
 }
 
 impl Room {
-    /// An effect as somebody has installed it in this room, of which is known what it shows without. Blinds
-    /// that never close hide nothing, and those that always do are a smaller window.
-    fn fitting(&self, kind: Kind, bare: &[f64], dice: &mut Dice) -> Kind {
-        let Kind::Blinds(_) = kind else { return kind };
-        let sunny = bare.iter().enumerate().skip(WARM_UP_DAYS * STEPS_PER_DAY);
-        let sunny = sunny.filter(|(step, _)| self.climate.sun(*step) > BRIGHT).map(|(_, warm)| *warm);
-        let mut warm: Vec<f64> = sunny.collect();
-        warm.sort_by(f64::total_cmp);
-        let (low, high) = BELOW_BLINDS;
-        let place = (dice.between(low, high) * warm.len() as f64) as usize;
-        warm.get(place).map_or(kind, |above| Kind::Blinds(*above))
-    }
-
     /// The states at every step.
     fn states(&self, hidden: &[Hidden]) -> Vec<State> {
         let t_set = self.rates.t_set;

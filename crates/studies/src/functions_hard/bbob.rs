@@ -1,5 +1,5 @@
-//! Functions of the noiseless BBOB suite on \[-5, 5\], with their instances: shifted, and most of them rotated
-//! and bent.
+//! Functions of the noiseless BBOB suite on \[-5, 5\], with their instances: shifted, and most of them
+//! rotated and bent.
 //!
 //! N. Hansen, S. Finck, R. Ros, A. Auger, "Real-parameter black-box optimization benchmarking 2009: noiseless
 //! functions definitions", INRIA RR-6829. The random numbers behind shifts and rotations are those of the

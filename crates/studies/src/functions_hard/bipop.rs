@@ -1,7 +1,7 @@
 //! The rival: BIPOP-CMA-ES, the clouds of the default search without its fireflies.
 //!
-//! The cloud is the one of Hansen's tutorial of 2016, which also learns from bad steps as pycma does: a harder
-//! rival than that of 2009.
+//! The cloud is the one of Hansen's tutorial of 2016, which also learns from bad steps as pycma does: a
+//! harder rival than that of 2009.
 
 use super::watch::Watch;
 use lampyris_core::optimise::Cost;
@@ -25,7 +25,7 @@ pub fn bipop(dimensions: usize, seed: u64, watch: &mut Watch) {
 
 #[cfg(test)]
 mod tests {
-    use lampyris_core::optimise::covariance::Covariance;
+    use lampyris_core::optimise::covariance::Cloud;
     use lampyris_core::optimise::{Candidate, Cost, random_stream};
 
     /// Half the width of a box whose edges are far from where the cloud goes.
@@ -33,8 +33,8 @@ mod tests {
 
     fn evaluations(cost: fn(&[f64]) -> f64, start: f64, dimensions: usize, seed: u64) -> usize {
         let start = Candidate(vec![(start / HALF + 1.0) / 2.0; dimensions]);
-        let size = Covariance::size(dimensions);
-        let mut cloud = Covariance::new(&start, 0.5 / HALF, size, random_stream(seed, 0));
+        let size = Cloud::size(dimensions);
+        let mut cloud = Cloud::new(&start, 0.5 / HALF, size, random_stream(seed, 0));
         let mut count = 0;
         while let Some(batch) = cloud.propose() {
             let cost = |candidate: &Candidate| {
@@ -67,7 +67,8 @@ mod tests {
     /// Median evaluations until an error of 1e-8 over 15 seeds; those of pycma 4.5.0 come from `pycma.py`.
     #[test]
     fn the_cloud_takes_as_long_as_pycma() {
-        let cases: [(fn(&[f64]) -> f64, f64, usize, f64); 6] = [
+        type Function = fn(&[f64]) -> f64;
+        let cases: [(Function, f64, usize, f64); 6] = [
             (sphere, 3.0, 5, 710.0),
             (sphere, 3.0, 10, 1493.0),
             (ellipsoid, 3.0, 5, 1564.0),

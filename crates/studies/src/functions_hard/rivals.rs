@@ -1,9 +1,9 @@
 //! The searches that are compared, and a run of one.
 
 use super::bipop::bipop;
-use super::methods::{CASES, clustered};
 use super::task::Task;
 use super::watch::{Reached, Watch};
+use crate::functions::methods::{CASES, clustered};
 use lampyris_core::optimise::cfa_options::{CfaOptions, OnCostsOptions};
 use lampyris_core::optimise::lshade::LshadeOptions;
 use lampyris_core::optimise::thesis_options::CfaThesisOptions;

@@ -13,7 +13,8 @@ use crate::estimate::Problem;
 use crate::estimate::assess::metrics::filter;
 use crate::estimate::segments::is_start;
 use crate::model::{Model, Scale};
-use crate::simulate::lanes::{Cpu, Kernel, Lane, dispatch};
+use crate::simulate::lane::Lane;
+use crate::simulate::lanes::{Cpu, Kernel, dispatch};
 use crate::simulate::segment::StepAlong;
 use std::ops::Range;
 

@@ -3,7 +3,8 @@
 
 use super::record::LinearRecord;
 use crate::model::math;
-use crate::simulate::lanes::{Cpu, Kernel, Lane, dispatch};
+use crate::simulate::lane::Lane;
+use crate::simulate::lanes::{Cpu, Kernel, dispatch};
 
 /// What the filter is told.
 #[derive(Debug, Clone, Copy, PartialEq)]
