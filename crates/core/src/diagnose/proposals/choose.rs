@@ -23,6 +23,8 @@ const KINDS_BY_CLOCK: usize = 2;
 /// of the squares is left at most.
 const WALKED: usize = 3;
 const GAINS: f64 = 0.99;
+/// What leaves so many times as much as the first of them comes nowhere near it by steps.
+const FAR: f64 = 3.0;
 /// Directions that correlate so much are one thing.
 const ALIKE: f64 = 0.9;
 /// What explains less than this share of the squared error changes it by a fortieth.
@@ -32,8 +34,14 @@ const LEAST_SHARE_OF_MODEL: f64 = 0.08;
 /// Beside its own parameters a term is still as sure as that: some thousands were tried, and with a few dozen
 /// days one of ten thousand comes to it by chance.
 const LEAST_T: f64 = 4.5;
-/// A schedule holds on its days: so large is the square of the usual day as a share of that of all days.
+/// A schedule holds on its days: so large is the square of the usual day as a share of that of all days,
+/// beside parameters that are bent by what is missing, and beside its own. A stove that is lit on every other
+/// evening comes to a half.
 const STEADY: f64 = 0.6;
+const STEADY_BESIDE_ITS_OWN: f64 = 0.75;
+/// What only reads what the model reads already leaves this share of the squares at most: in rooms with more
+/// masses than the model such a term mends a little of that.
+const LEFT_OF_MODEL: f64 = 0.8;
 /// Of what the hours of the day explain together a schedule explains most.
 const MOST_OF_CLOCK: f64 = 0.6;
 /// A term has to leave this share less for each choice that it is made of.
@@ -111,14 +119,22 @@ pub(super) fn choose(trial: &Trial<'_>, search: &TermSearch<'_>, null: &Look<'_>
     // have looked better.
     let mut all = again(&best.settled, KINDS_BESIDE, false);
     all.extend(all_ordered);
-    let walked = grouped(trial, search, all, WALKED).into_iter().map(|one| walked(trial, search, one));
-    found.best = grouped(trial, search, walked.collect(), MOST);
+    let mut walked: Vec<TriedTerm> = Vec::new();
+    for one in grouped(trial, search, all, WALKED) {
+        let worth = walked.first().is_none_or(|best| one.settled.squares <= FAR * best.settled.squares);
+        walked.push(if worth { walk(trial, search, one) } else { one });
+    }
+    walked.retain(|one| {
+        let bends = one.term.is_of_the_model(search.stock) && !one.term.is_by_clock();
+        !bends || one.settled.squares <= LEFT_OF_MODEL * found.left
+    });
+    found.best = grouped(trial, search, walked, MOST);
     found
 }
 
 /// Walks with the form and the numbers of a term, each step beside parameters of its own: those that belong
 /// to wrong numbers speak for them.
-fn walked(trial: &Trial<'_>, search: &TermSearch<'_>, mut best: TriedTerm) -> TriedTerm {
+fn walk(trial: &Trial<'_>, search: &TermSearch<'_>, mut best: TriedTerm) -> TriedTerm {
     let mut around = forms(search, &best.term);
     for part in PARTS {
         for _ in 0..STEPS {
@@ -174,7 +190,7 @@ fn tried(
         let shows = confirmed > 0.0
             && share >= LEAST_SHARE
             && t.abs() >= LEAST_T
-            && (!term.is_by_clock() || is_steady(t, days))
+            && (!term.is_by_clock() || steadiness(t, days) >= STEADY_BESIDE_ITS_OWN)
             && !is_its_own_cause(term, size);
         shows.then_some(TriedTerm { term: *term, size, share, t, confirmed, settled, alike: Vec::new() })
     };
@@ -191,9 +207,9 @@ fn is_its_own_cause(term: &Term, size: f64) -> bool {
         }
 }
 
-/// Whether what has this size over its deviation is about as large on each of so many days.
-fn is_steady(t: f64, days: usize) -> bool {
-    t * t / (t * t + days as f64) >= STEADY
+/// The square of the usual day as a share of that of all days, of what has this size over its deviation.
+fn steadiness(t: f64, days: usize) -> f64 {
+    t * t / (t * t + days as f64)
 }
 
 fn scored(search: &TermSearch<'_>, look: &Look<'_>, term: &Term) -> Option<SegmentScore> {
@@ -270,7 +286,7 @@ impl<'a> Bar<'a> {
             _ => LEAST_SHARE,
         };
         let told_apart = if score.term.is_by_clock() {
-            is_steady(score.t, score.days)
+            steadiness(score.t, score.days) >= STEADY
         } else {
             self.by_chance.is_some_and(|by_chance| score.share > by_chance)
                 && score.shifted.iter().all(|shifted| *shifted < score.share)
