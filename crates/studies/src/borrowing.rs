@@ -7,7 +7,7 @@ use super::row::Row;
 use super::verdicts::judge_all;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{ColumnBindings, DAY, Duration, SplitRequest, Window, rfc3339};
-use lampyris_core::estimate::pooling::pooled;
+use lampyris_core::estimate::pooling::{family, pooled};
 use lampyris_core::estimate::problem::prior::{KnownParameter, KnownPrior, Prior};
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
@@ -118,7 +118,6 @@ fn judge(seed: u64) -> Result<Judged, Failure> {
 
 /// The mean and the deviation of the logarithms of what the other rooms truly are; walls are of one family.
 fn true_of_others(twin: &HouseTwin, place: usize, problem: &Problem) -> KnownPrior {
-    let family = |name: &str| name.split('[').next().unwrap_or(name).to_owned();
     let others = twin.rooms.iter().enumerate().filter(|(other, _)| *other != place);
     let all: Vec<(String, f64)> = others.flat_map(|(_, room)| &room.parameters).cloned().collect();
     let of = |name: &str| {

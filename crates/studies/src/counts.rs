@@ -5,9 +5,9 @@ use super::engine::week;
 use super::nights::a_night;
 use super::plant::case::Case;
 use super::results::record;
-use super::row::Row;
+use super::row::{Limit, Row};
 use super::twin_room::measured;
-use lampyris::cli::Failure;
+use lampyris::cli::{Failure, faults};
 use lampyris_core::data::DAY;
 use lampyris_core::estimate::fit::Searched;
 use lampyris_core::estimate::problem::request::SearchExtent;
@@ -61,12 +61,11 @@ pub fn run(asked: &Arguments) -> Result<Vec<Row>, Failure> {
         [Work::Nothing, Work::Weeks, Work::Fit, Work::FirstNight, Work::SecondNight, Work::Plant]
             .map(instructions);
     let nothing = nothing?;
-    let night = count(Work::SecondNight)? - count(Work::FirstNight)?;
     let mut rows = vec![
         Row::new("a week of a room: instructions", (weeks? - nothing) / WEEKS as f64, "-"),
         Row::new("a fit to a week that searches everywhere: simulations", count(Work::Fit)?, "-"),
         Row::new("  instructions", fit? - nothing, "-"),
-        Row::new("a night that begins at what is served: simulations", night, "-"),
+        Row::new("a night that begins at what is served: simulations", count(Work::SecondNight)?, "-"),
         Row::new("  instructions", second? - first?, "-"),
         Row::new("a plant's warm-up and three days: derivatives", count(Work::Plant)?, "-"),
         Row::new("  instructions", plant? - nothing, "-"),
@@ -78,13 +77,13 @@ pub fn run(asked: &Arguments) -> Result<Vec<Row>, Failure> {
             if row.what != earlier.what {
                 return Err(Failure::Error(format!("`{}` was recorded as `{}`", row.what, earlier.what)));
             }
-            row.limit = Row::new("", 0.0, "").at_most(LARGER * earlier.value).limit;
+            row.limit = Some(Limit::AtMost(LARGER * earlier.value));
         }
     }
     Ok(rows)
 }
 
-/// Does a work; says its simulations, or its derivatives.
+/// Does a work; says its simulations, those of its last night, or its derivatives.
 fn count(work: Work) -> Result<f64, Failure> {
     let failed = |fault: &dyn std::fmt::Display| Failure::Error(fault.to_string());
     match work {
@@ -106,20 +105,18 @@ fn count(work: Work) -> Result<f64, Failure> {
             let window = measured(&made)?;
             let night = |night: i64, extent, served| {
                 let from = window.from() + night * DAY;
-                let fitted =
-                    window.slice(from, from + FITTED * DAY).map_err(|found| lampyris::cli::faults(&found))?;
+                let fitted = window.slice(from, from + FITTED * DAY).map_err(|found| faults(&found))?;
                 Ok::<_, Failure>(a_night(&made, &fitted, extent, served, || 0.0)?.0)
             };
             let first = night(0, SearchExtent::Global, None)?;
-            let mut evaluations = first.evaluations;
-            if matches!(work, Work::SecondNight) {
-                let second = night(1, SearchExtent::Local, Some(&first))?;
-                if second.searched != Some(Searched::Local) {
-                    return Err(Failure::Error("the second night has searched everywhere".to_owned()));
-                }
-                evaluations += second.evaluations;
+            if matches!(work, Work::FirstNight) {
+                return Ok(first.evaluations as f64);
             }
-            Ok(evaluations as f64)
+            let second = night(1, SearchExtent::Local, Some(&first))?;
+            if second.searched != Some(Searched::Local) {
+                return Err(Failure::Error("the second night has searched everywhere".to_owned()));
+            }
+            Ok(second.evaluations as f64)
         }
         Work::Plant => {
             let (problem, _) = Case::new("asm1_h", 1, 0.0)?.problem()?;

@@ -54,7 +54,7 @@ pub fn pooled(problem: &Problem, siblings: &[(String, Fit)]) -> Option<KnownPrio
 }
 
 /// The name that the members of a family share: each wall to a neighbour is a draw of its own.
-fn family(name: &str) -> &str {
+pub fn family(name: &str) -> &str {
     name.split('[').next().unwrap_or(name)
 }
 

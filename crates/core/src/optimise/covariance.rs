@@ -132,11 +132,6 @@ impl Cloud {
         (&self.best.0.0, self.best.1)
     }
 
-    /// Whether the run has ended.
-    pub fn ended(&self) -> bool {
-        self.ended
-    }
-
     /// The next generation; none when the run has ended.
     pub fn propose(&mut self) -> Option<Vec<Candidate>> {
         if self.ended {

@@ -90,6 +90,18 @@ impl From<Instruction> for Opcode {
     }
 }
 
+/// Computes every lane of a result from those of its operands. It is no function, because one that is handed
+/// over may stay a call for every lane, without wide vectors, where it is long.
+macro_rules! lanes {
+    ($out:ident, $below:ident, |$($operand:ident),+| $value:expr) => {{
+        $(let $operand = &$below[$operand as usize];)+
+        for lane in 0..W {
+            $(let $operand = $operand.0[lane];)+
+            $out.0[lane] = $value;
+        }
+    }};
+}
+
 /// Runs code whose first result goes to register `first`. Results lie above their operands, so the file
 /// splits at each result without overlap.
 #[inline(always)]
@@ -98,114 +110,46 @@ pub(super) fn interpret<const W: usize>(code: &[Opcode], registers: &mut [Lane<W
         let (below, above) = registers.split_at_mut(first + offset);
         let Some(out) = above.first_mut() else { return };
         match *opcode {
-            Opcode::Neg(x) => one(out, below, x, |x| -x),
-            Opcode::Abs(x) => one(out, below, x, |x| x.abs()),
-            Opcode::Sqrt(x) => one(out, below, x, |x| x.sqrt()),
-            // What is long is called here and not handed over: a function that is handed over may stay a call
-            // for every lane, without wide vectors.
-            Opcode::Exp(x) => {
-                let x = &below[x as usize];
-                for lane in 0..W {
-                    out.0[lane] = math::exp(x.0[lane]);
-                }
-            }
-            Opcode::Log(x) => {
-                let x = &below[x as usize];
-                for lane in 0..W {
-                    out.0[lane] = math::log(x.0[lane]);
-                }
-            }
-            Opcode::Sin(x) => {
-                let x = &below[x as usize];
-                for lane in 0..W {
-                    out.0[lane] = math::sin(x.0[lane]);
-                }
-            }
-            Opcode::Cos(x) => {
-                let x = &below[x as usize];
-                for lane in 0..W {
-                    out.0[lane] = math::cos(x.0[lane]);
-                }
-            }
-            Opcode::Tanh(x) => {
-                let x = &below[x as usize];
-                for lane in 0..W {
-                    out.0[lane] = math::tanh(x.0[lane]);
-                }
-            }
-            Opcode::Pow(a, b) => {
-                let (a, b) = (&below[a as usize], &below[b as usize]);
-                for lane in 0..W {
-                    out.0[lane] = math::pow(a.0[lane], b.0[lane]);
-                }
-            }
-            Opcode::Add(a, b) => two(out, below, a, b, |x, y| x + y),
-            Opcode::Sub(a, b) => two(out, below, a, b, |x, y| x - y),
-            Opcode::Mul(a, b) => two(out, below, a, b, |x, y| x * y),
-            Opcode::Div(a, b) => two(out, below, a, b, |x, y| x / y),
-            Opcode::Min(a, b) => two(out, below, a, b, |x, y| Binary::Min.apply(x, y)),
-            Opcode::Max(a, b) => two(out, below, a, b, |x, y| Binary::Max.apply(x, y)),
-            Opcode::Less(a, b) => two(out, below, a, b, |x, y| Binary::Less.apply(x, y)),
-            Opcode::LessEqual(a, b) => two(out, below, a, b, |x, y| Binary::LessEqual.apply(x, y)),
-            Opcode::Equal(a, b) => two(out, below, a, b, |x, y| Binary::Equal.apply(x, y)),
-            Opcode::MulAdd(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::MulAdd.apply(a, b, c)),
-            Opcode::MulSub(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::MulSub.apply(a, b, c)),
-            Opcode::SubMul(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::SubMul.apply(a, b, c)),
-            Opcode::MulMul(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::MulMul.apply(a, b, c)),
-            Opcode::AddMul(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::AddMul.apply(a, b, c)),
+            Opcode::Neg(x) => lanes!(out, below, |x| -x),
+            Opcode::Abs(x) => lanes!(out, below, |x| x.abs()),
+            Opcode::Exp(x) => lanes!(out, below, |x| math::exp(x)),
+            Opcode::Log(x) => lanes!(out, below, |x| math::log(x)),
+            Opcode::Sqrt(x) => lanes!(out, below, |x| x.sqrt()),
+            Opcode::Sin(x) => lanes!(out, below, |x| math::sin(x)),
+            Opcode::Cos(x) => lanes!(out, below, |x| math::cos(x)),
+            Opcode::Tanh(x) => lanes!(out, below, |x| math::tanh(x)),
+            Opcode::Add(a, b) => lanes!(out, below, |a, b| a + b),
+            Opcode::Sub(a, b) => lanes!(out, below, |a, b| a - b),
+            Opcode::Mul(a, b) => lanes!(out, below, |a, b| a * b),
+            Opcode::Div(a, b) => lanes!(out, below, |a, b| a / b),
+            Opcode::Min(a, b) => lanes!(out, below, |a, b| Binary::Min.apply(a, b)),
+            Opcode::Max(a, b) => lanes!(out, below, |a, b| Binary::Max.apply(a, b)),
+            Opcode::Pow(a, b) => lanes!(out, below, |a, b| math::pow(a, b)),
+            Opcode::Less(a, b) => lanes!(out, below, |a, b| Binary::Less.apply(a, b)),
+            Opcode::LessEqual(a, b) => lanes!(out, below, |a, b| Binary::LessEqual.apply(a, b)),
+            Opcode::Equal(a, b) => lanes!(out, below, |a, b| Binary::Equal.apply(a, b)),
+            Opcode::Select(c, a, b) => lanes!(out, below, |c, a, b| select(c, a, b)),
+            Opcode::MulAdd(a, b, c) => lanes!(out, below, |a, b, c| Pair::MulAdd.apply(a, b, c)),
+            Opcode::MulSub(a, b, c) => lanes!(out, below, |a, b, c| Pair::MulSub.apply(a, b, c)),
+            Opcode::SubMul(a, b, c) => lanes!(out, below, |a, b, c| Pair::SubMul.apply(a, b, c)),
+            Opcode::MulMul(a, b, c) => lanes!(out, below, |a, b, c| Pair::MulMul.apply(a, b, c)),
+            Opcode::AddMul(a, b, c) => lanes!(out, below, |a, b, c| Pair::AddMul.apply(a, b, c)),
             Opcode::DifferenceMul(a, b, c) => {
-                three(out, below, [a, b, c], |a, b, c| Pair::DifferenceMul.apply(a, b, c))
+                lanes!(out, below, |a, b, c| Pair::DifferenceMul.apply(a, b, c))
             }
-            Opcode::AddAdd(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::AddAdd.apply(a, b, c)),
+            Opcode::AddAdd(a, b, c) => lanes!(out, below, |a, b, c| Pair::AddAdd.apply(a, b, c)),
             Opcode::DifferenceAdd(a, b, c) => {
-                three(out, below, [a, b, c], |a, b, c| Pair::DifferenceAdd.apply(a, b, c))
+                lanes!(out, below, |a, b, c| Pair::DifferenceAdd.apply(a, b, c))
             }
-            Opcode::AddSub(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::AddSub.apply(a, b, c)),
-            Opcode::SubAdd(a, b, c) => three(out, below, [a, b, c], |a, b, c| Pair::SubAdd.apply(a, b, c)),
+            Opcode::AddSub(a, b, c) => lanes!(out, below, |a, b, c| Pair::AddSub.apply(a, b, c)),
+            Opcode::SubAdd(a, b, c) => lanes!(out, below, |a, b, c| Pair::SubAdd.apply(a, b, c)),
             Opcode::DifferenceSub(a, b, c) => {
-                three(out, below, [a, b, c], |a, b, c| Pair::DifferenceSub.apply(a, b, c))
+                lanes!(out, below, |a, b, c| Pair::DifferenceSub.apply(a, b, c))
             }
             Opcode::SubDifference(a, b, c) => {
-                three(out, below, [a, b, c], |a, b, c| Pair::SubDifference.apply(a, b, c))
+                lanes!(out, below, |a, b, c| Pair::SubDifference.apply(a, b, c))
             }
-            Opcode::Select(c, a, b) => three(out, below, [c, a, b], select),
-            Opcode::Conduct(a, b, c, d) => {
-                let (a, b, c, d) =
-                    (&below[a as usize], &below[b as usize], &below[c as usize], &below[d as usize]);
-                for lane in 0..W {
-                    out.0[lane] = (a.0[lane] - b.0[lane]) * c.0[lane] + d.0[lane];
-                }
-            }
+            Opcode::Conduct(a, b, c, d) => lanes!(out, below, |a, b, c, d| (a - b) * c + d),
         }
-    }
-}
-
-#[inline(always)]
-fn one<const W: usize>(out: &mut Lane<W>, below: &[Lane<W>], x: u32, f: impl Fn(f64) -> f64) {
-    let x = &below[x as usize];
-    for lane in 0..W {
-        out.0[lane] = f(x.0[lane]);
-    }
-}
-
-#[inline(always)]
-fn two<const W: usize>(out: &mut Lane<W>, below: &[Lane<W>], a: u32, b: u32, f: impl Fn(f64, f64) -> f64) {
-    let (a, b) = (&below[a as usize], &below[b as usize]);
-    for lane in 0..W {
-        out.0[lane] = f(a.0[lane], b.0[lane]);
-    }
-}
-
-#[inline(always)]
-fn three<const W: usize>(
-    out: &mut Lane<W>,
-    below: &[Lane<W>],
-    operands: [u32; 3],
-    f: impl Fn(f64, f64, f64) -> f64,
-) {
-    let [a, b, c] =
-        [&below[operands[0] as usize], &below[operands[1] as usize], &below[operands[2] as usize]];
-    for lane in 0..W {
-        out.0[lane] = f(a.0[lane], b.0[lane], c.0[lane]);
     }
 }
