@@ -32,7 +32,7 @@ pub(super) struct StepError {
 /// Compares with half the step, or a tenth of the tolerance.
 pub(super) fn step_error(problem: &Problem, theta: &[f64]) -> StepError {
     let finer = problem.with_substeps(2 * problem.simulator().substeps());
-    let (coarse, fine) = (problem.simulate(theta), finer.simulate(theta));
+    let (coarse, fine) = rayon::join(|| problem.simulate(theta), || finer.simulate(theta));
     // A difference that is not a number is as large as can be.
     let largest = |worst: f64, d: f64| if d.is_nan() { f64::INFINITY } else { worst.max(d) };
     let of_output = |(output, (coarse, fine)): (usize, (&Vec<f64>, &Vec<f64>))| {

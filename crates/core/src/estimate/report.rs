@@ -25,7 +25,7 @@ pub(super) fn report(
     discretisation_error: f64,
     mut remarks: Vec<String>,
 ) -> Fit {
-    let run = filter(problem, &found.theta, None);
+    let (run, free) = rayon::join(|| filter(problem, &found.theta, None), || problem.simulate(&found.theta));
     let mut parameters = IndexMap::new();
     for (index, parameter) in problem.model().parameters().iter().enumerate() {
         let place = problem.free().iter().position(|free| *free == index);
@@ -65,7 +65,7 @@ pub(super) fn report(
         seed: request.method.seed,
         evaluations: found.evaluations,
         trace: found.trace,
-        metrics: metrics(problem, &found.theta, &run),
+        metrics: metrics(problem, &found.theta, &run, &free),
         sample_s: Seconds::of_millis(problem.grid().step()),
         substeps: problem.simulator().substeps(),
         starts: uncertainty.starts.clone(),

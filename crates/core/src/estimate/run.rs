@@ -16,6 +16,7 @@ use crate::estimate::search::drive::{POLISH_EVALUATIONS, SearchResult, drive, ev
 use crate::estimate::search::near::{Unconvincing, as_promised, near};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
+use crate::optimise::local_options::LocalOptions;
 use crate::optimise::{Candidate, Cost, Search};
 
 /// A fit with a parameter fixed may be this much worse on the hold-out before the parameter counts.
@@ -23,6 +24,8 @@ const FIXED_MAY_BE_WORSE: f64 = 1.02;
 /// Parameters that were fixed because the data did not determine them are free again where so much of the
 /// squared error is left then.
 const FREED: f64 = 0.98;
+/// Iterations from what loose steps have found to the optimum of exact ones.
+const EXACT_ITERATIONS: usize = 3;
 /// How often the starts of the measured states are looked for.
 const MOST_STARTS: usize = 5;
 /// A start that is farther from its estimate, in deviations of that, is hardly where it was taken to be.
@@ -52,8 +55,9 @@ pub fn estimate(
             && request.early_stopping.is_none()
     });
     let everywhere = || {
-        let (problem, found) =
-            sought(problem, |problem: &Problem| search(problem, request, &warm, control), control)?;
+        let search = |problem: &Problem| search(problem, request, &warm, control);
+        let (problem, found) = sought(&problem.with_loose_steps(!watched), search, control)?;
+        let (problem, found) = exactly(problem, found, control)?;
         refined(problem, found, watched, control)
     };
     let (problem, mut found, discretisation_error) = match known {
@@ -156,6 +160,27 @@ fn sought<E: From<EstimateError>>(
             (problem, SearchResult { evaluations, ..found })
         }
         Prior::Known(_) => drawn(problem, search(&problem.without_prior())?, control)?,
+    })
+}
+
+/// What was found with loose steps, polished with exact ones; as it is where its steps are no loose ones, or
+/// where there is no time for that.
+fn exactly(
+    loose: Problem,
+    found: SearchResult,
+    control: &Control,
+) -> Result<(Problem, SearchResult), EstimateError> {
+    if !loose.simulator().has_loose_steps() {
+        return Ok((loose, found));
+    }
+    let problem = loose.with_loose_steps(false);
+    let evaluations = EXACT_ITERATIONS * (problem.space().len() + LocalOptions::default().trials) + 1;
+    Ok(match polish(&problem, &found.theta, evaluations, control)? {
+        Some(SearchResult { theta, place, cost, evaluations, .. }) => {
+            let evaluations = found.evaluations + evaluations;
+            (problem, SearchResult { theta, place, cost, evaluations, ..found })
+        }
+        None => (loose, found),
     })
 }
 
@@ -323,17 +348,22 @@ fn fix_unidentifiable(
     let error =
         |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
     // A refit that goes nowhere only means that the parameters matter.
-    let refit = polish(&fixed, &start, POLISH_EVALUATIONS, control)?;
-    found.evaluations += refit.as_ref().map_or(0, |refit| refit.evaluations);
+    let loose = fixed.with_loose_steps(true);
+    let refit = polish(&loose, &start, POLISH_EVALUATIONS, control)?;
+    let spent = refit.as_ref().map_or(0, |refit| refit.evaluations);
+    found.evaluations += spent;
     if let Some(refit) = refit
-        && let (Some(with), Some(without)) = (error(&problem, &found.theta), error(&fixed, &refit.theta))
+        && let (Some(with), Some(without)) =
+            rayon::join(|| error(&problem, &found.theta), || error(&fixed, &refit.theta))
         && without <= FIXED_MAY_BE_WORSE * with
     {
         remarks.push(format!(
             "the data do not determine {}: fixed at the nominal value, the error on unseen data is no worse",
             names.join(", ")
         ));
+        let (fixed, refit) = exactly(loose, refit, control)?;
         (found.theta, found.cost) = (refit.theta, refit.cost);
+        found.evaluations += refit.evaluations - spent;
         return Ok((fixed, names));
     }
     remarks.push(limit);

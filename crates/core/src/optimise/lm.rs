@@ -17,6 +17,9 @@ const DAMPING_MAX: f64 = 1e10;
 const DAMPING_MIN: f64 = 1e-14;
 /// The lowest damping of an iteration lies this power of the spread below the last one that helped.
 const BOLD: i32 = 4;
+/// Where stronger dampings than those that have failed promise to lower the cost by less than so much of the
+/// tolerance, the run ends.
+const PROMISE: f64 = 1e-3;
 /// Steps shorter than this in every coordinate end the run.
 const SHORT: f64 = 1e-11;
 
@@ -190,6 +193,22 @@ impl LevenbergMarquardt {
         self.phase = if trials.is_empty() { Phase::Ended } else { Phase::Trials(trials, normal) };
     }
 
+    /// Ends the run where none of its trials promises anything: near an optimum of simulations that are not
+    /// exact no damping helps.
+    fn give_up_on_little(&mut self) {
+        let Phase::Trials(trials, normal) = &self.phase else { return };
+        let promised = trials.iter().map(|trial| self.promise(normal, &trial.position)).fold(0.0, f64::max);
+        if promised < PROMISE * self.options.tolerance * dot(&self.residuals, &self.residuals) {
+            self.phase = Phase::Ended;
+        }
+    }
+
+    /// By how much a step to a position lowers the sum of squares, as far as the normal equations go.
+    fn promise(&self, normal: &Normal, position: &[f64]) -> f64 {
+        let step = DVector::from_fn(position.len(), |i, _| position[i] - self.position[i]);
+        -(2.0 * normal.gradient.dot(&step) + step.dot(&(&normal.matrix * &step)))
+    }
+
     /// Minimises the damped quadratic model within the cube; none where it cannot be solved.
     fn stepped(&self, normal: &Normal, damping: f64) -> Option<Vec<f64>> {
         let d = self.position.len();
@@ -267,6 +286,7 @@ impl LevenbergMarquardt {
                 self.damping *= self.options.spread.powi(BOLD + self.options.trials as i32 - 2);
                 if self.damping < DAMPING_MAX && !exhausted {
                     self.search(normal);
+                    self.give_up_on_little();
                 }
             }
         }

@@ -12,7 +12,7 @@ pub struct LocalOptions {
     /// Levenberg-Marquardt: length of the forward differences in the unit cube.
     pub step: f64,
     /// Levenberg-Marquardt: a run ends after two successive iterations that lower the cost by less than this
-    /// share.
+    /// share, or where none of them lowers it and stronger dampings promise next to nothing.
     pub tolerance: f64,
     /// Levenberg-Marquardt: damping of the first iteration, relative to the largest squared norm of a column.
     pub damping: f64,

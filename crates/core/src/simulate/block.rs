@@ -7,7 +7,7 @@
 //! know the time.
 
 use super::lanes::LaneFile;
-use super::rkc::{FLOOR, LaneClock, LaneEvent, TOLERANCE};
+use super::rkc::{FLOOR, LOOSE_TOLERANCE, LaneClock, LaneEvent, TOLERANCE};
 use super::trajectory::{Halt, Simulator, Trajectory, diverged};
 use super::vectors::{Moves, Vectors};
 use crate::interrupt::Meter;
@@ -119,7 +119,8 @@ impl<'a, const W: usize> Block<'a, W> {
     fn work(&mut self, halt: Halt, next: &AtomicUsize) {
         let states = self.simulator.initial.len();
         // Each refinement by two divides the tolerance by ten.
-        let tolerance = TOLERANCE / 10f64.powi(self.simulator.substeps().ilog2() as i32);
+        let tolerance = if self.simulator.has_loose_steps() { LOOSE_TOLERANCE } else { TOLERANCE };
+        let tolerance = tolerance / 10f64.powi(self.simulator.substeps().ilog2() as i32);
         self.board(next);
         let mut evaluations = 0;
         let mut meter = Meter::new(&self.simulator.brake);

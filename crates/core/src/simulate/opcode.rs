@@ -91,14 +91,18 @@ impl From<Instruction> for Opcode {
 }
 
 /// Computes every lane of a result from those of its operands. It is no function, because one that is handed
-/// over may stay a call for every lane, without wide vectors, where it is long.
+/// over may stay a call for every lane, without wide vectors, where it is long. Operands are copied and the
+/// result is stored at once: the compiler cannot tell that it overlaps none of them, and would otherwise do
+/// eight lanes one by one.
 macro_rules! lanes {
     ($out:ident, $below:ident, |$($operand:ident),+| $value:expr) => {{
-        $(let $operand = &$below[$operand as usize];)+
+        $(let $operand = $below[$operand as usize].0;)+
+        let mut result = [0.0; W];
         for lane in 0..W {
-            $(let $operand = $operand.0[lane];)+
-            $out.0[lane] = $value;
+            $(let $operand = $operand[lane];)+
+            result[lane] = $value;
         }
+        $out.0 = result;
     }};
 }
 

@@ -10,6 +10,8 @@ use crate::model::math;
 /// and magnify what a step leaves behind: over 200 random candidates of plants this holds the effluents
 /// within 3e-3 of their ranges, and 1e-5 only within 1e-2.
 pub const TOLERANCE: f64 = 1e-7;
+/// The tolerance of a search, whose steps are more than twice as long.
+pub const LOOSE_TOLERANCE: f64 = 1e-5;
 /// A state below this, in its own unit, counts as this large.
 pub const FLOOR: f64 = 0.1;
 /// What the estimate of the spectral radius may be short of.

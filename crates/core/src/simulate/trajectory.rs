@@ -30,6 +30,8 @@ pub struct Simulator {
     starts: Vec<Vec<Option<f64>>>,
     pub(super) known: Vec<bool>,
     substeps: usize,
+    /// Whether steps that every candidate finds for itself are only as exact as a search needs them.
+    is_loose: bool,
     /// Hours of a step; of a whole interval where every candidate finds its own steps.
     pub(super) step_hours: f64,
     pub(super) warm_up: Option<WarmUpDrive>,
@@ -92,6 +94,7 @@ impl Simulator {
             starts: measured.iter().map(|(values, valid)| measured_starts(values, valid)).collect(),
             known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
             substeps,
+            is_loose: false,
             step_hours: inputs.hours() / steps as f64,
             brake: Brake::NONE,
         }
@@ -113,6 +116,18 @@ impl Simulator {
             }
         }
         self
+    }
+
+    /// The same simulation, whose candidates find their own steps as exact as a search needs them, or as a
+    /// prediction does. Steps of a given length stay as they are.
+    #[must_use]
+    pub fn with_loose_steps(self, is_loose: bool) -> Self {
+        Self { is_loose, ..self }
+    }
+
+    /// Whether its candidates find steps that are only as exact as a search needs them.
+    pub fn has_loose_steps(&self) -> bool {
+        self.is_loose && self.stepper == Stepper::Rkc
     }
 
     /// What ends its runs from outside.

@@ -120,17 +120,15 @@ impl<const W: usize> Kernel for Measure<'_, '_, W> {
         let (hours, floor) = (*self.hours, self.floor);
         let mut sums = Sums { error: [0.0; W], change: [0.0; W], start: [0.0; W], now: [0.0; W] };
         for (i, ((start, slope), last)) in start.iter().zip(slope).zip(last).enumerate() {
-            let (y, end, first, f) = (&start.0, &last.0, &slope.0, self.file.root(i));
+            // Copies, so that the compiler sees that nothing overlaps.
+            let (y, end, first, f) = (start.0, last.0, slope.0, *self.file.root(i));
             for lane in 0..W {
                 // The estimate of the method: 12/15 (y0 - y1) + 6/15 h (f0 + f1).
                 let error = 0.8 * (y[lane] - end[lane]) + 0.4 * hours[lane] * (first[lane] + f[lane]);
                 let ratio = error / y[lane].abs().max(end[lane].abs()).max(floor);
                 sums.error[lane] += ratio * ratio;
-            }
-            for lane in 0..W {
-                sums.change[lane] += (f[lane] - first[lane]) * (f[lane] - first[lane]);
-            }
-            for lane in 0..W {
+                let change = f[lane] - first[lane];
+                sums.change[lane] += change * change;
                 sums.start[lane] += y[lane] * y[lane];
                 sums.now[lane] += f[lane] * f[lane];
             }
@@ -154,20 +152,23 @@ impl<const W: usize> Kernel for Update<'_, '_, W> {
         let Moves { accept, take, keep, fresh, factors } = self.moves.clone();
         let places = start.iter_mut().zip(slope).zip(last.iter_mut()).zip(before).zip(mode);
         for (i, ((((start, slope), last), before), mode)) in places.enumerate() {
-            let now = *self.file.root(i);
-            let y = either(&accept, &last.0, &start.0);
-            let first = either(&take, &now, &slope.0);
-            let way = either(&keep, &difference(&now, &first), &mode.0);
-            // What a lane forgets may be no number, and no factor of zero would hide that.
-            let newest = either(&fresh, &y, &last.0);
-            let older = either(&fresh, &y, &before.0);
-            let here = either(&fresh, &first, &now);
-            let mut next = [0.0; W];
+            // Copies, so that the compiler sees that nothing overlaps.
+            let (now, starts, slopes) = (*self.file.root(i), start.0, slope.0);
+            let (stages, stages_before, modes) = (last.0, before.0, mode.0);
+            let (mut y, mut first, mut next, mut newest, mut way) =
+                ([0.0; W], [0.0; W], [0.0; W], [0.0; W], [0.0; W]);
             for lane in 0..W {
+                y[lane] = either(accept[lane], stages[lane], starts[lane]);
+                first[lane] = either(take[lane], now[lane], slopes[lane]);
+                way[lane] = either(keep[lane], now[lane] - first[lane], modes[lane]);
+                // What a lane forgets may be no number, and no factor of zero would hide that.
+                newest[lane] = either(fresh[lane], y[lane], stages[lane]);
+                let older = either(fresh[lane], y[lane], stages_before[lane]);
+                let here = either(fresh[lane], first[lane], now[lane]);
                 next[lane] = factors[0][lane] * y[lane]
                     + factors[1][lane] * newest[lane]
-                    + factors[2][lane] * older[lane]
-                    + factors[3][lane] * here[lane]
+                    + factors[2][lane] * older
+                    + factors[3][lane] * here
                     + factors[4][lane] * first[lane]
                     + factors[5][lane] * way[lane];
             }
@@ -180,20 +181,6 @@ impl<const W: usize> Kernel for Update<'_, '_, W> {
 
 /// The first where the mask is set, else the second; by bits, so that no branch is left.
 #[inline(always)]
-fn either<const W: usize>(mask: &[u64; W], first: &[f64; W], second: &[f64; W]) -> [f64; W] {
-    let mut out = [0.0; W];
-    for lane in 0..W {
-        out[lane] =
-            f64::from_bits((first[lane].to_bits() & mask[lane]) | (second[lane].to_bits() & !mask[lane]));
-    }
-    out
-}
-
-#[inline(always)]
-fn difference<const W: usize>(first: &[f64; W], second: &[f64; W]) -> [f64; W] {
-    let mut out = [0.0; W];
-    for lane in 0..W {
-        out[lane] = first[lane] - second[lane];
-    }
-    out
+fn either(mask: u64, first: f64, second: f64) -> f64 {
+    f64::from_bits((first.to_bits() & mask) | (second.to_bits() & !mask))
 }

@@ -215,11 +215,15 @@ pub fn day_ahead_mse(problem: &Problem, theta: &[f64], run: &FilterRun, range: R
 }
 
 /// All measures of a parameter vector, by output channel.
-pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<String, OutputMetrics> {
-    let trajectory = problem.simulate(theta);
+pub fn metrics(
+    problem: &Problem,
+    theta: &[f64],
+    run: &FilterRun,
+    trajectory: &Trajectory,
+) -> IndexMap<String, OutputMetrics> {
     let split = problem.split();
     let part = |output: usize, range: &Range<usize>| {
-        problem.mean_square_error(&trajectory, output, range.clone()).map(f64::sqrt)
+        problem.mean_square_error(trajectory, output, range.clone()).map(f64::sqrt)
     };
     let mut found = IndexMap::new();
     for (index, output) in problem.model().outputs().iter().enumerate() {
@@ -238,7 +242,7 @@ pub fn metrics(problem: &Problem, theta: &[f64], run: &FilterRun) -> IndexMap<St
             },
             day_ahead_mse: if first { day_ahead_mse(problem, theta, run, judged) } else { None },
             noise_floor: (!innovations.is_empty()).then(|| mean_square(&innovations).sqrt()),
-            rho: rho(problem, &trajectory, index),
+            rho: rho(problem, trajectory, index),
         };
         found.insert(output.channel.clone(), metrics);
     }

@@ -65,6 +65,8 @@ pub(in crate::estimate) fn estimate(
     let known = Uncertainty {
         ci95: curvature.intervals[..own].to_vec(),
         correlated: curvature.correlated(&task, own),
+        // A likelihood has profiles instead.
+        leads: Vec::new(),
         covariance: curvature.of_estimates(&task, &found.place.0, own),
         // The filter starts at the first measurement, with the variance of its noise.
         starts: IndexMap::new(),
@@ -118,7 +120,7 @@ pub(in crate::estimate) fn estimate(
     // Forecasts and innovations with the noise that was estimated.
     let run = filter_fit(&problem, &fit);
     fit.process_noise = run.process_noise;
-    fit.metrics = metrics(&problem, &fit.theta(), &run);
+    fit.metrics = metrics(&problem, &fit.theta(), &run, &problem.simulate(&fit.theta()));
     Ok(fit)
 }
 

@@ -34,6 +34,13 @@ impl Problem {
         Self { simulator: self.simulator_over(&self.inputs, steps), ..self.clone() }
     }
 
+    /// The same problem, whose candidates find their own steps as exact as a search needs them, or as a
+    /// prediction does.
+    #[must_use]
+    pub fn with_loose_steps(&self, is_loose: bool) -> Self {
+        Self { simulator: self.simulator.clone().with_loose_steps(is_loose), ..self.clone() }
+    }
+
     /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over
     /// that of the record.
     #[must_use]

@@ -42,6 +42,9 @@ pub struct Uncertainty {
     pub ci95: Vec<Option<[f64; 2]>>,
     /// Pairs that the data can hardly tell apart.
     pub correlated: Vec<CorrelatedPair>,
+    /// How far all coordinates of the search go along with the first parameter of each pair, for a length of
+    /// its own.
+    pub leads: Vec<Vec<f64>>,
     /// How they err together; `None` where that is not known.
     pub covariance: Option<Covariance>,
     /// Where the measured states start, by the channels that measure them.
@@ -79,7 +82,7 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
             told.then(|| [dimension.value(low.max(0.0)), dimension.value(high.min(1.0))])
         })
         .collect();
-    let mut correlated = Vec::new();
+    let (mut correlated, mut leads) = (Vec::new(), Vec::new());
     for i in 0..space.len() {
         for j in 0..i {
             let correlation = cube[(i, j)] / (deviation(i) * deviation(j));
@@ -90,13 +93,14 @@ pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
                     correlation,
                     ridge: Vec::new(),
                 });
+                leads.push((0..space.len()).map(|other| cube[(other, j)] / cube[(j, j)]).collect());
             }
         }
     }
     let inside: Vec<usize> = (0..space.len()).collect();
     let values: Vec<f64> = problem.free().iter().map(|index| theta[*index]).collect();
     let covariance = covariance::of_estimates(&cube, &inside, space.dimensions(), &values);
-    Uncertainty { ci95, correlated, covariance, starts, evaluations }
+    Uncertainty { ci95, correlated, leads, covariance, starts, evaluations }
 }
 
 /// How many simulations the sensitivities take.
@@ -154,7 +158,8 @@ fn cube(svd: SVD<f64, Dyn, Dyn>, sensitivity: &Sensitivity, starts: Option<&Star
 }
 
 /// How far the estimates move where the outputs of a free run change to those of another one, in their
-/// standard deviations: the most that any does. `None` where nothing is determined.
+/// standard deviations, which are not less than sensors of the declared noise would leave: the most that any
+/// does. `None` where nothing is determined.
 pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64> {
     let sensitivity = Sensitivity::new(problem, theta)?;
     let change = |(output, k, weight): (usize, usize, f64)| {
@@ -164,8 +169,16 @@ pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64
     let svd = singular(sensitivity.jacobian.clone())?;
     let least = LEAST * svd.singular_values.iter().copied().fold(0.0, f64::max);
     let moved = svd.solve(&change, least).ok()?;
+    let of_sensors: Vec<Block> = sensitivity
+        .blocks
+        .iter()
+        .zip(problem.model().outputs())
+        .map(|(block, output)| block.as_noisy_as(output.noise_sd))
+        .collect();
+    let white = sandwich(svd.clone(), &of_sensors)?;
     let cube = cube(svd, &sensitivity, starts::of(problem, theta, &sensitivity).as_ref())?;
-    let deviations = |(i, moved): (usize, &f64)| moved.abs() / cube[(i, i)].max(f64::MIN_POSITIVE).sqrt();
+    let variance = |i: usize| cube[(i, i)].max(white[(i, i)]).max(f64::MIN_POSITIVE);
+    let deviations = |(i, moved): (usize, &f64)| moved.abs() / variance(i).sqrt();
     moved.iter().enumerate().map(deviations).max_by(f64::total_cmp)
 }
 

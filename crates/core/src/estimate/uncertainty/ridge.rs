@@ -6,9 +6,12 @@ use crate::estimate::assess::summary::digits;
 use crate::estimate::fit::{CorrelatedPair, RidgePoint};
 use crate::estimate::problem::Problem;
 use crate::estimate::search::control::{Control, EstimateError};
-use crate::estimate::search::drive::polish;
 use crate::estimate::uncertainty::Uncertainty;
+use crate::interrupt::Interrupt;
 use crate::model::Model;
+use crate::optimise::local::{LocalStage, LocalWay};
+use crate::optimise::local_options::LocalOptions;
+use crate::optimise::{Ask, Candidate, Cost};
 
 /// So many pairs are followed, the closest ones.
 const PAIRS: usize = 2;
@@ -16,12 +19,49 @@ const PAIRS: usize = 2;
 const POINTS: usize = 2;
 /// They go as far as the 95 % interval is wide, and at most so far, as a share of the box.
 const FARTHEST: f64 = 0.25;
-/// Simulations for each value.
-const EVALUATIONS: usize = 60;
+/// Iterations for each value: it begins where the ridge leads, and an error is wanted to a per cent.
+const ITERATIONS: usize = 3;
 /// By how much the error may rise where a ridge is as good as its middle.
 const AS_GOOD: f64 = 1.01;
 
-/// Follows the ridges of the closest pairs, and tells how many simulations that has taken.
+/// One side of a ridge, from the estimate outwards, in coordinates of the search.
+struct Side {
+    /// The pair, by its number and by the places of its parameters, of which the first is held.
+    pair: usize,
+    places: [usize; 2],
+    /// How far all coordinates go from one value to the next.
+    steps: Vec<f64>,
+    here: Vec<f64>,
+    points: Vec<RidgePoint>,
+    ended: bool,
+}
+
+impl Side {
+    /// Goes on to the next value, all parameters to where the ridge leads; says whether there is one.
+    fn go_on(&mut self) -> bool {
+        let [held, _] = self.places;
+        let before = self.here[held];
+        self.here.iter_mut().zip(&self.steps).for_each(|(here, step)| *here = (*here + step).clamp(0.0, 1.0));
+        self.ended |= self.here[held] == before;
+        !self.ended
+    }
+
+    /// The coordinates beside the one that is held.
+    fn others(&self) -> Candidate {
+        let mut others = self.here.clone();
+        others.remove(self.places[0]);
+        Candidate(others)
+    }
+
+    fn with(&self, others: &[f64]) -> Candidate {
+        let mut all = others.to_vec();
+        all.insert(self.places[0], self.here[self.places[0]]);
+        Candidate(all)
+    }
+}
+
+/// Follows the ridges of the closest pairs, all sides next to each other, and tells how many simulations that
+/// has taken.
 ///
 /// # Errors
 /// [`EstimateError::Interrupted`] where the estimation was cancelled. A deadline leaves out what it left no
@@ -33,63 +73,104 @@ pub(in crate::estimate) fn follow(
     known: &mut Uncertainty,
     control: &Control,
 ) -> Result<usize, EstimateError> {
-    let Uncertainty { ci95, correlated, .. } = known;
-    let mut closest: Vec<&mut CorrelatedPair> = correlated.iter_mut().collect();
-    closest.sort_by(|a, b| b.correlation.abs().total_cmp(&a.correlation.abs()));
-    let dimensions = problem.space().dimensions();
-    let mut evaluations = 0;
-    for pair in closest.into_iter().take(PAIRS) {
-        let place = |name: &String| dimensions.iter().position(|dimension| dimension.name == *name);
-        let [Some(held), Some(other)] = pair.parameters.each_ref().map(place) else { continue };
-        // How well each is determined, as a share of its box.
-        let [width, follows] = [held, other].map(|place| {
-            ci95[place]
-                .map_or(FARTHEST, |[low, high]| dimensions[place].unit(high) - dimensions[place].unit(low))
-        });
-        let slope = if width > 0.0 { pair.correlation * follows / width } else { 0.0 };
-        let step = width.min(FARTHEST) / POINTS as f64;
-        let walk = |step: f64| side(problem, theta, [held, other], [step, slope * step], control);
-        let (below, above) = rayon::join(|| walk(-step), || walk(step));
-        let ((below, first), (above, second)) = (below?, above?);
-        evaluations += first + second;
-        let values = [held, other].map(|place| theta[problem.free()[place]]);
-        pair.ridge = below.into_iter().rev().chain([RidgePoint { values, cost }]).chain(above).collect();
+    // An error to a per cent needs no exact steps, and what they change is the same along a ridge.
+    let problem = &problem.with_loose_steps(true);
+    let mut sides = sides(problem, theta, known);
+    let usual = LocalOptions::default();
+    let step = problem.least_step().max(usual.step);
+    let way = LocalWay::Residuals(LocalOptions { iterations: ITERATIONS, step, ..usual });
+    let middle = problem.evaluate(&[problem.candidate(theta)], false);
+    let Some(Cost::Finite(loose)) = middle.first().map(|middle| middle.cost) else { return Ok(1) };
+    let mut evaluations = 1;
+    for _ in 0..POINTS {
+        let mut runs: Vec<(&mut Side, LocalStage)> = sides
+            .iter_mut()
+            .filter_map(|side| side.go_on().then_some(side))
+            .map(|side| {
+                let run = LocalStage::new(&way, &[side.others()]);
+                (side, run)
+            })
+            .collect();
+        let mut asked = ask(&runs);
+        while asked.iter().any(|batch| !batch.is_empty()) {
+            match (control.interrupt)() {
+                Some(Interrupt::Deadline) => return Ok(evaluations),
+                Some(cancelled) => return Err(EstimateError::Interrupted(cancelled)),
+                None => {}
+            }
+            let batch: Vec<Candidate> = asked.iter().flatten().cloned().collect();
+            let answers = problem.evaluate_unless(&batch, true, &|| control.halts());
+            if control.halts() {
+                // Answers that were cut short are none; why they were is asked above.
+                continue;
+            }
+            evaluations += answers.len();
+            let mut answers = answers.as_slice();
+            for ((_, run), batch) in runs.iter_mut().zip(&asked) {
+                run.digest(answers.split_off(..batch.len()).unwrap_or_default());
+            }
+            asked = ask(&runs);
+        }
+        for (side, run) in runs {
+            let Some((place, Cost::Finite(found))) = run.optimum() else {
+                side.ended = true;
+                continue;
+            };
+            let here = side.with(&place.0);
+            let theta = problem.theta(&here);
+            let cost = found + (cost - loose);
+            side.points.push(RidgePoint { values: values(problem, &theta, side.places), cost });
+            side.here = here.0;
+        }
+    }
+    for (number, pair) in known.correlated.iter_mut().enumerate() {
+        let mut both = sides.iter().filter(|side| side.pair == number);
+        if let (Some(below), Some(above)) = (both.next(), both.next()) {
+            let middle = RidgePoint { values: values(problem, theta, below.places), cost };
+            let points = below.points.iter().rev().cloned().chain([middle]);
+            pair.ridge = points.chain(above.points.iter().cloned()).collect();
+        }
     }
     Ok(evaluations)
 }
 
-/// One side of a ridge, from the estimate outwards, and the simulations that it has taken. The other
-/// parameter starts from where the ridge leads; steps are shares of the boxes.
-fn side(
-    problem: &Problem,
-    theta: &[f64],
-    pair: [usize; 2],
-    steps: [f64; 2],
-    control: &Control,
-) -> Result<(Vec<RidgePoint>, usize), EstimateError> {
-    // What is found on the way is no news of the search.
-    let control = Control { interrupt: control.interrupt, progress: &|_| () };
-    let dimensions = pair.map(|place| &problem.space().dimensions()[place]);
-    let [held, other] = pair.map(|place| problem.free()[place]);
-    let (mut points, mut evaluations) = (Vec::new(), 0);
-    let mut here = theta.to_vec();
-    for _ in 0..POINTS {
-        let before = here[held];
-        for ((dimension, step), index) in dimensions.into_iter().zip(steps).zip([held, other]) {
-            here[index] = dimension.value((dimension.unit(here[index]) + step).clamp(0.0, 1.0));
-        }
-        if here[held] == before {
-            break;
-        }
-        let Some(found) = polish(&problem.with_fixed(&[(held, here[held])]), &here, EVALUATIONS, &control)?
-        else {
-            break;
+/// The sides of the closest pairs, before their first values: of each the lower one and the upper one.
+fn sides(problem: &Problem, theta: &[f64], known: &Uncertainty) -> Vec<Side> {
+    let dimensions = problem.space().dimensions();
+    let mut closest: Vec<usize> = (0..known.correlated.len().min(known.leads.len())).collect();
+    let correlation = |pair: &usize| known.correlated[*pair].correlation.abs();
+    closest.sort_by(|a, b| correlation(b).total_cmp(&correlation(a)));
+    let mut sides = Vec::new();
+    for pair in closest.into_iter().take(PAIRS) {
+        let place = |name: &String| dimensions.iter().position(|dimension| dimension.name == *name);
+        let [Some(held), Some(other)] = known.correlated[pair].parameters.each_ref().map(place) else {
+            continue;
         };
-        evaluations += found.evaluations;
-        here = found.theta;
-        points.push(RidgePoint { values: [here[held], here[other]], cost: found.cost });
+        // How well it is determined, as a share of its box.
+        let width = known.ci95[held]
+            .map_or(FARTHEST, |[low, high]| dimensions[held].unit(high) - dimensions[held].unit(low));
+        let step = width.min(FARTHEST) / POINTS as f64;
+        for step in [-step, step] {
+            let steps = known.leads[pair].iter().map(|lead| lead * step).collect();
+            let here = problem.candidate(theta).0;
+            sides.push(Side { pair, places: [held, other], steps, here, points: Vec::new(), ended: false });
+        }
     }
-    Ok((points, evaluations))
+    sides
+}
+
+/// What every run asks for, as candidates of the problem.
+fn ask(runs: &[(&mut Side, LocalStage)]) -> Vec<Vec<Candidate>> {
+    let of = |(side, run): &(&mut Side, LocalStage)| match run.propose() {
+        Some(Ask::Residuals(batch)) => batch.iter().map(|others| side.with(&others.0)).collect(),
+        _ => Vec::new(),
+    };
+    runs.iter().map(of).collect()
+}
+
+/// The values of a pair.
+fn values(problem: &Problem, theta: &[f64], places: [usize; 2]) -> [f64; 2] {
+    places.map(|place| theta[problem.free()[place]])
 }
 
 /// What a pair means for an operator: how far its ridge goes, and what would tell the two apart where their

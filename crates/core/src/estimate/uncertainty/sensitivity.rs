@@ -109,6 +109,12 @@ fn blocks(problem: &Problem, run: &Trajectory) -> Option<Vec<Block>> {
 }
 
 impl Block {
+    /// The same rows with white errors of this deviation, in the unit of the output.
+    pub fn as_noisy_as(&self, deviation: f64) -> Self {
+        let ar = Ar { coefficients: Vec::new(), deviation: deviation * self.weight, ..self.ar };
+        Self { samples: self.samples.clone(), ar, ..*self }
+    }
+
     /// The errors of the run in its rows, weighted.
     pub fn errors(&self, problem: &Problem, output: usize, run: &Trajectory) -> Vec<f64> {
         let (values, _) = problem.measured()[output];
