@@ -75,8 +75,14 @@ fn worked() -> Duration {
     clock_gettime(ClockId::ThreadCPUTime).try_into().unwrap()
 }
 
-/// Does work whose brake is pulled at the question of this number.
-fn pulled<T>(problem: &Problem, at: usize, work: impl Fn(&Problem) -> T) -> Heard<T> {
+/// Does work whose brake is pulled at the question of this number, on threads of its own: one that waits for
+/// another takes whatever there is to do, and in the common pool that is the work of other tests.
+fn pulled<T: Send>(problem: &Problem, at: usize, work: impl Fn(&Problem) -> T + Sync) -> Heard<T> {
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(rayon::current_num_threads()).build().unwrap();
+    threads.install(|| pulled_here(problem, at, &work))
+}
+
+fn pulled_here<T>(problem: &Problem, at: usize, work: impl Fn(&Problem) -> T) -> Heard<T> {
     thread_local! {
         static ASKED: Cell<Option<Duration>> = const { Cell::new(None) };
     }
@@ -100,7 +106,7 @@ fn pulled<T>(problem: &Problem, at: usize, work: impl Fn(&Problem) -> T) -> Hear
 }
 
 /// What may be done on a problem.
-type Work<'a> = &'a dyn Fn(&Problem);
+type Work<'a> = &'a (dyn Fn(&Problem) + Sync);
 
 /// Least squares from one point.
 fn asked(more: &str) -> EstimateRequest {

@@ -31,6 +31,9 @@ const ALIKE: f64 = 0.9;
 const LEAST_SHARE: f64 = 0.05;
 /// What only reads what the model reads already mends a form that is wrong everywhere as well: more is asked.
 const LEAST_SHARE_OF_MODEL: f64 = 0.08;
+/// And of days that have not been looked at it explains so much; a schedule does as well: stoves that are lit
+/// on many evenings have hours.
+const LEAST_CONFIRMED_OF_MODEL: f64 = 0.2;
 /// Beside its own parameters a term is still as sure as that: some thousands were tried, and with a few dozen
 /// days one of ten thousand comes to it by chance.
 const LEAST_T: f64 = 4.5;
@@ -187,7 +190,8 @@ fn tried(
         let (size, share) = (*there.size.first()?, there.share);
         let (t, confirmed) = (there.t, there.confirmed);
         // Where it is the parameters alone that have become better, nothing is left for it.
-        let shows = confirmed > 0.0
+        let least = if term.is_of_the_model(search.stock) { LEAST_CONFIRMED_OF_MODEL } else { 0.0 };
+        let shows = confirmed > least
             && share >= LEAST_SHARE
             && t.abs() >= LEAST_T
             && (!term.is_by_clock() || steadiness(t, days) >= STEADY_BESIDE_ITS_OWN)
