@@ -142,9 +142,9 @@ pub fn polish_together<const N: usize>(
 /// the same blocks: two half-empty blocks take nearly twice as long as a full one.
 fn ends_together<const N: usize>(tasks: [(&Refit, &[Vec<f64>]); N], iterations: usize) -> [Ends; N] {
     let Refit { problem, halt, .. } = *tasks[0].0;
-    let usual =
+    let options =
         LocalOptions { iterations, tolerance: Effort::of(problem).tolerance, ..LocalOptions::default() };
-    let way = LocalWay::Residuals(LocalOptions { step: problem.least_step().max(usual.step), ..usual });
+    let way = LocalWay::Residuals(options.with_least_step(problem.least_step()));
     let places =
         |starts: &[Vec<f64>]| starts.iter().map(|start| problem.candidate(start)).collect::<Vec<_>>();
     let mut searches = tasks.map(|(task, starts)| (task, LocalStage::new(&way, &places(starts)), 0));

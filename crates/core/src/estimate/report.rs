@@ -6,7 +6,7 @@ use super::problem::Problem;
 use super::uncertainty::Uncertainty;
 use crate::data::Seconds;
 use crate::data::rfc3339;
-use crate::estimate::assess::metrics::{filter, metrics};
+use crate::estimate::assess::metrics::{filtered_and_free, metrics};
 use crate::estimate::fit::levels::levels;
 use crate::estimate::problem::bounds::at_bound;
 use crate::estimate::problem::prior::{KnownParameter, KnownPrior, Prior};
@@ -25,7 +25,7 @@ pub(super) fn report(
     discretisation_error: f64,
     mut remarks: Vec<String>,
 ) -> Fit {
-    let (run, free) = rayon::join(|| filter(problem, &found.theta, None), || problem.simulate(&found.theta));
+    let (run, free) = filtered_and_free(problem, &found.theta);
     let mut parameters = IndexMap::new();
     for (index, parameter) in problem.model().parameters().iter().enumerate() {
         let place = problem.free().iter().position(|free| *free == index);

@@ -351,7 +351,6 @@ fn fix_unidentifiable(
     let loose = fixed.with_loose_steps(true);
     let refit = polish(&loose, &start, POLISH_EVALUATIONS, control)?;
     let spent = refit.as_ref().map_or(0, |refit| refit.evaluations);
-    found.evaluations += spent;
     if let Some(refit) = refit
         && let (Some(with), Some(without)) =
             rayon::join(|| error(&problem, &found.theta), || error(&fixed, &refit.theta))
@@ -363,9 +362,10 @@ fn fix_unidentifiable(
         ));
         let (fixed, refit) = exactly(loose, refit, control)?;
         (found.theta, found.cost) = (refit.theta, refit.cost);
-        found.evaluations += refit.evaluations - spent;
+        found.evaluations += refit.evaluations;
         return Ok((fixed, names));
     }
+    found.evaluations += spent;
     remarks.push(limit);
     Ok((problem, Vec::new()))
 }

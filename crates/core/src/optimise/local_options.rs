@@ -32,6 +32,14 @@ pub struct LocalOptions {
     pub evaluations: usize,
 }
 
+impl LocalOptions {
+    /// The same, with forward differences that are not shorter than this.
+    #[must_use]
+    pub fn with_least_step(self, least: f64) -> Self {
+        Self { step: self.step.max(least), ..self }
+    }
+}
+
 impl Default for LocalOptions {
     fn default() -> Self {
         Self {

@@ -157,8 +157,8 @@ impl Method {
     pub fn with_least_step(&self, least: f64) -> Self {
         let mut method = self.clone();
         match &mut method {
-            Method::Cfa(options) => options.local.step = options.local.step.max(least),
-            Method::LmMultistart(options) => options.local.step = options.local.step.max(least),
+            Method::Cfa(options) => options.local = options.local.clone().with_least_step(least),
+            Method::LmMultistart(options) => options.local = options.local.clone().with_least_step(least),
             // The others take no slopes of residuals.
             _ => {}
         }

@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 
 /// Lets days pass, and forgets what is old by then. No night comes between and forgets it first.
 fn later(app: &TestApp, days: i64) -> Forgotten {
-    let never = json!({"cron": "0 3 * * *", "systems": ["room/*"], "enabled": false});
-    app.json("PUT", "/schedules/nightly", &never).expect(200);
+    let paused = json!({"cron": "0 3 * * *", "systems": ["room/*"], "enabled": false});
+    app.json("PUT", "/schedules/nightly", &paused).expect(200);
     app.clock.set(app.clock.now() + SignedDuration::from_hours(24 * days));
     app.within(async |service| retention::forget(service, service.now()).await.unwrap())
 }

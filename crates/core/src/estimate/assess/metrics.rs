@@ -43,7 +43,7 @@ pub fn measurement_variance(problem: &Problem) -> Vec<f64> {
 
 /// Filters the window at `theta`; the process noise is the likeliest one on the training part.
 pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> FilterRun {
-    let Some(kalman) = problem.filter() else { return unfiltered(problem, theta) };
+    let Some(kalman) = problem.filter() else { return unfiltered(problem, &problem.simulate(theta)) };
     let measurement = measurement_variance(problem);
     let process_noise = process_noise
         .unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
@@ -54,9 +54,20 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
     )
 }
 
+/// Filters the window at `theta` with the likeliest process noise, and runs it freely; a model without a
+/// filter has one run for both.
+pub fn filtered_and_free(problem: &Problem, theta: &[f64]) -> (FilterRun, Trajectory) {
+    let free = problem.simulate(theta);
+    let run = match problem.predictor() {
+        Predictor::Filtered => filter(problem, theta, None),
+        Predictor::FreeRun => unfiltered(problem, &free),
+    };
+    (run, free)
+}
+
 /// Filters the window at `theta` with this noise.
 pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun {
-    let Some(kalman) = problem.filter() else { return unfiltered(problem, theta) };
+    let Some(kalman) = problem.filter() else { return unfiltered(problem, &problem.simulate(theta)) };
     FilterRun {
         filtered: kalman.filter(theta, noise, problem.grid().len()),
         process_noise: mean_square(&noise.process).sqrt(),
@@ -65,8 +76,7 @@ pub fn filter_with(problem: &Problem, theta: &[f64], noise: &Noise) -> FilterRun
 
 /// The free run in the place of a filter, for models without one: no state is re-estimated and nothing is
 /// innovated.
-fn unfiltered(problem: &Problem, theta: &[f64]) -> FilterRun {
-    let trajectory = problem.simulate(theta);
+fn unfiltered(problem: &Problem, trajectory: &Trajectory) -> FilterRun {
     let samples = problem.grid().len();
     let filtered = Filtered {
         states: (0..samples).map(|k| trajectory.states.iter().map(|series| series[k]).collect()).collect(),
@@ -214,7 +224,7 @@ pub fn day_ahead_mse(problem: &Problem, theta: &[f64], run: &FilterRun, range: R
     (!errors.is_empty()).then(|| mean_square(&errors))
 }
 
-/// All measures of a parameter vector, by output channel.
+/// All measures of a parameter vector, by output channel, from its filtered run and its free run.
 pub fn metrics(
     problem: &Problem,
     theta: &[f64],

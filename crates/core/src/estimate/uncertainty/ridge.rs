@@ -53,6 +53,7 @@ impl Side {
         Candidate(others)
     }
 
+    /// The candidate that has these coordinates beside the one that is held.
     fn with(&self, others: &[f64]) -> Candidate {
         let mut all = others.to_vec();
         all.insert(self.places[0], self.here[self.places[0]]);
@@ -75,52 +76,15 @@ pub(in crate::estimate) fn follow(
 ) -> Result<usize, EstimateError> {
     // An error to a per cent needs no exact steps, and what they change is the same along a ridge.
     let problem = &problem.with_loose_steps(true);
-    let mut sides = sides(problem, theta, known);
-    let usual = LocalOptions::default();
-    let step = problem.least_step().max(usual.step);
-    let way = LocalWay::Residuals(LocalOptions { iterations: ITERATIONS, step, ..usual });
     let middle = problem.evaluate(&[problem.candidate(theta)], false);
     let Some(Cost::Finite(loose)) = middle.first().map(|middle| middle.cost) else { return Ok(1) };
+    let mut sides = sides(problem, theta, known);
     let mut evaluations = 1;
     for _ in 0..POINTS {
-        let mut runs: Vec<(&mut Side, LocalStage)> = sides
-            .iter_mut()
-            .filter_map(|side| side.go_on().then_some(side))
-            .map(|side| {
-                let run = LocalStage::new(&way, &[side.others()]);
-                (side, run)
-            })
-            .collect();
-        let mut asked = ask(&runs);
-        while asked.iter().any(|batch| !batch.is_empty()) {
-            match (control.interrupt)() {
-                Some(Interrupt::Deadline) => return Ok(evaluations),
-                Some(cancelled) => return Err(EstimateError::Interrupted(cancelled)),
-                None => {}
-            }
-            let batch: Vec<Candidate> = asked.iter().flatten().cloned().collect();
-            let answers = problem.evaluate_unless(&batch, true, &|| control.halts());
-            if control.halts() {
-                // Answers that were cut short are none; why they were is asked above.
-                continue;
-            }
-            evaluations += answers.len();
-            let mut answers = answers.as_slice();
-            for ((_, run), batch) in runs.iter_mut().zip(&asked) {
-                run.digest(answers.split_off(..batch.len()).unwrap_or_default());
-            }
-            asked = ask(&runs);
-        }
-        for (side, run) in runs {
-            let Some((place, Cost::Finite(found))) = run.optimum() else {
-                side.ended = true;
-                continue;
-            };
-            let here = side.with(&place.0);
-            let theta = problem.theta(&here);
-            let cost = found + (cost - loose);
-            side.points.push(RidgePoint { values: values(problem, &theta, side.places), cost });
-            side.here = here.0;
+        let (spent, in_time) = go_on(problem, &mut sides, cost - loose, control)?;
+        evaluations += spent;
+        if !in_time {
+            break;
         }
     }
     for (number, pair) in known.correlated.iter_mut().enumerate() {
@@ -134,26 +98,72 @@ pub(in crate::estimate) fn follow(
     Ok(evaluations)
 }
 
+/// Takes all sides to their next values, next to each other; says how many simulations that has taken, and
+/// whether there was time for it. Costs are corrected by what exact steps change.
+fn go_on(
+    problem: &Problem,
+    sides: &mut [Side],
+    correction: f64,
+    control: &Control,
+) -> Result<(usize, bool), EstimateError> {
+    let options = LocalOptions { iterations: ITERATIONS, ..LocalOptions::default() };
+    let way = LocalWay::Residuals(options.with_least_step(problem.least_step()));
+    let mut runs: Vec<(&mut Side, LocalStage)> = Vec::new();
+    for side in sides {
+        if side.go_on() {
+            let run = LocalStage::new(&way, &[side.others()]);
+            runs.push((side, run));
+        }
+    }
+    let mut evaluations = 0;
+    let mut asked = ask(&runs);
+    while asked.iter().any(|batch| !batch.is_empty()) {
+        let batch: Vec<Candidate> = asked.iter().flatten().cloned().collect();
+        let answers = problem.evaluate_unless(&batch, true, &|| control.halts());
+        // Answers that were cut short are none.
+        match (control.interrupt)() {
+            Some(Interrupt::Deadline) => return Ok((evaluations, false)),
+            Some(cancelled) => return Err(EstimateError::Interrupted(cancelled)),
+            None => evaluations += answers.len(),
+        }
+        let mut answers = answers.as_slice();
+        for ((_, run), batch) in runs.iter_mut().zip(&asked) {
+            run.digest(answers.split_off(..batch.len()).unwrap_or_default());
+        }
+        asked = ask(&runs);
+    }
+    for (side, run) in runs {
+        let Some((place, Cost::Finite(cost))) = run.optimum() else {
+            side.ended = true;
+            continue;
+        };
+        let here = side.with(&place.0);
+        let values = values(problem, &problem.theta(&here), side.places);
+        side.points.push(RidgePoint { values, cost: cost + correction });
+        side.here = here.0;
+    }
+    Ok((evaluations, true))
+}
+
 /// The sides of the closest pairs, before their first values: of each the lower one and the upper one.
 fn sides(problem: &Problem, theta: &[f64], known: &Uncertainty) -> Vec<Side> {
     let dimensions = problem.space().dimensions();
-    let mut closest: Vec<usize> = (0..known.correlated.len().min(known.leads.len())).collect();
-    let correlation = |pair: &usize| known.correlated[*pair].correlation.abs();
-    closest.sort_by(|a, b| correlation(b).total_cmp(&correlation(a)));
+    let mut closest: Vec<(usize, (&CorrelatedPair, &Vec<f64>))> =
+        known.correlated.iter().zip(&known.leads).enumerate().collect();
+    closest.sort_by(|(_, (a, _)), (_, (b, _))| b.correlation.abs().total_cmp(&a.correlation.abs()));
     let mut sides = Vec::new();
-    for pair in closest.into_iter().take(PAIRS) {
+    for (number, (pair, leads)) in closest.into_iter().take(PAIRS) {
         let place = |name: &String| dimensions.iter().position(|dimension| dimension.name == *name);
-        let [Some(held), Some(other)] = known.correlated[pair].parameters.each_ref().map(place) else {
-            continue;
-        };
+        let [Some(held), Some(other)] = pair.parameters.each_ref().map(place) else { continue };
         // How well it is determined, as a share of its box.
         let width = known.ci95[held]
             .map_or(FARTHEST, |[low, high]| dimensions[held].unit(high) - dimensions[held].unit(low));
         let step = width.min(FARTHEST) / POINTS as f64;
         for step in [-step, step] {
-            let steps = known.leads[pair].iter().map(|lead| lead * step).collect();
+            let steps = leads.iter().map(|lead| lead * step).collect();
             let here = problem.candidate(theta).0;
-            sides.push(Side { pair, places: [held, other], steps, here, points: Vec::new(), ended: false });
+            let places = [held, other];
+            sides.push(Side { pair: number, places, steps, here, points: Vec::new(), ended: false });
         }
     }
     sides
