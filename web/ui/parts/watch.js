@@ -93,6 +93,7 @@ export function JobWatch({ id, title, onEnd = () => {} }) {
       ${last && !ended && html`<div><dt>time left${trials ? '' : ', at most'}</dt><dd><${TimeLeft} report=${last} most=${!trials} /></dd></div>`}
       ${ended && html`<div><dt>ran for</dt><dd>${length(job.wall_s)}</dd></div><div><dt>${explained('stopped because')}</dt><dd>
         ${plainly(job.stopped_by ?? job.error?.detail ?? job.state)}</dd></div>`}
+      ${ended && fit.data?.searched && html`<div><dt>searched</dt><dd>${fit.data.searched === 'local' ? 'next to what was served' : 'everywhere'}</dd></div>`}
       ${last?.best_train != null && html`<div><dt>${explained('best on train')}</dt><dd>${number(shownCost(job)[0](last.best_train))}</dd></div>`}
       ${last?.best_validation != null && html`<div><dt>${explained('best on validation')}</dt><dd>${number(last.best_validation)}</dd></div>`}
     </dl>

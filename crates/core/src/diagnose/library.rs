@@ -294,13 +294,17 @@ pub fn align(base: &Problem, library: &mut [CandidateEffect]) -> Problem {
     for candidate in library.iter() {
         known.iter_mut().zip(candidate.problem.known()).for_each(|(known, own)| *known &= own);
     }
-    let steps = base.simulator().substeps();
+    let (steps, is_loose) = (base.simulator().substeps(), base.simulator().is_loose());
     library
         .par_iter_mut()
         .filter(|candidate| {
-            candidate.problem.known() != known || candidate.problem.simulator().substeps() != steps
+            let simulator = candidate.problem.simulator();
+            let as_it_is = simulator.substeps() == steps && simulator.is_loose() == is_loose;
+            candidate.problem.known() != known || !as_it_is
         })
-        .for_each(|candidate| candidate.problem = candidate.problem.aligned(&known, steps));
+        .for_each(|candidate| {
+            candidate.problem = candidate.problem.aligned(&known, steps).with_loose_steps(is_loose);
+        });
     if known == whole { base.clone() } else { base.aligned(&known, steps) }
 }
 

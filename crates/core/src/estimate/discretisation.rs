@@ -33,12 +33,7 @@ pub(super) struct StepError {
 pub(super) fn step_error(problem: &Problem, theta: &[f64]) -> StepError {
     let finer = problem.with_substeps(2 * problem.simulator().substeps());
     let (coarse, fine) = rayon::join(|| problem.simulate(theta), || finer.simulate(theta));
-    // A difference that is not a number is as large as can be.
-    let largest = |worst: f64, d: f64| if d.is_nan() { f64::INFINITY } else { worst.max(d) };
-    let of_output = |(output, (coarse, fine)): (usize, (&Vec<f64>, &Vec<f64>))| {
-        coarse.iter().zip(fine).map(|(a, b)| (a - b).abs()).fold(0.0, largest) / problem.scale(output)
-    };
-    let difference = coarse.outputs.iter().zip(&fine.outputs).enumerate().map(of_output).fold(0.0, largest);
+    let difference = problem.farthest_apart(&coarse, &fine);
     let finest = if problem.model().stepper() == Stepper::Rkc { FINEST_TOLERANCE } else { 64 };
     let mut evaluations = 2;
     let small = difference <= DISCRETISATION_LIMIT * problem.scaled_noise();

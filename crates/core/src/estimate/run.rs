@@ -56,7 +56,9 @@ pub fn estimate(
     });
     let everywhere = || {
         let search = |problem: &Problem| search(problem, request, &warm, control);
-        let (problem, found) = sought(&problem.with_loose_steps(!watched), search, control)?;
+        // What ends by least squares is polished with exact steps; any other method finds what it finds.
+        let is_loose = !watched && request.method.method.descends();
+        let (problem, found) = sought(&problem.with_loose_steps(is_loose), search, control)?;
         let (problem, found) = exactly(problem, found, control)?;
         refined(problem, found, watched, control)
     };

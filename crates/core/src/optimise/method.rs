@@ -255,6 +255,11 @@ impl Method {
         check.0
     }
 
+    /// Whether it ends by least squares, wherever else it has been.
+    pub fn descends(&self) -> bool {
+        matches!(self, Method::Cfa(_) | Method::LmMultistart(_))
+    }
+
     /// The name that a job uses.
     pub fn name(&self) -> &'static str {
         match self {

@@ -6,6 +6,36 @@ use super::lanes::LANES;
 use super::trajectory::{Halt, Simulator, Trajectory};
 use crate::model::Stepper;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Candidates of the smallest block.
+const FEWEST: usize = 4;
+/// Blocks under way, in whatever pool: it says whether there is somebody idle, and no result depends on it.
+static BLOCKS: AtomicUsize = AtomicUsize::new(0);
+
+/// A block under way.
+struct Busy;
+
+impl Busy {
+    fn begin() -> Self {
+        BLOCKS.fetch_add(1, Ordering::Relaxed);
+        Self
+    }
+
+    /// Candidates of a block: as many as there are lanes, or fewer so that workers without one have some. A
+    /// short block is as good as a long one, lane by lane, but costs more, which nobody gains by where all
+    /// are busy.
+    fn width(candidates: usize) -> usize {
+        let idle = rayon::current_num_threads().saturating_sub(BLOCKS.load(Ordering::Relaxed)).max(1);
+        candidates.div_ceil(idle).next_power_of_two().clamp(FEWEST, LANES)
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        BLOCKS.fetch_sub(1, Ordering::Relaxed);
+    }
+}
 
 impl Simulator {
     /// Simulates samples `0..until` for every parameter vector; blocks run in parallel, and the result does
@@ -24,14 +54,17 @@ impl Simulator {
         if let [single] = thetas {
             return self.block::<1>(&[*single], until, false, halt);
         }
-        // A short block is as good as a long one, lane by lane; half-empty lanes would be paid for.
-        let block = |block: &[&[f64]]| match block.len() {
-            1..=4 => self.block::<4>(block, until, false, halt),
-            5..=8 => self.block::<8>(block, until, false, halt),
-            9..=16 => self.block::<16>(block, until, false, halt),
-            _ => self.block::<LANES>(block, until, false, halt),
+        // Half-empty lanes would be paid for.
+        let block = |block: &[&[f64]]| {
+            let _busy = Busy::begin();
+            match block.len() {
+                1..=4 => self.block::<4>(block, until, false, halt),
+                5..=8 => self.block::<8>(block, until, false, halt),
+                9..=16 => self.block::<16>(block, until, false, halt),
+                _ => self.block::<LANES>(block, until, false, halt),
+            }
         };
-        thetas.par_chunks(LANES).flat_map_iter(block).collect()
+        thetas.par_chunks(Busy::width(thetas.len())).flat_map_iter(block).collect()
     }
 
     /// Simulates one parameter vector over the whole window and keeps its states.

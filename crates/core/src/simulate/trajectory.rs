@@ -78,7 +78,7 @@ impl Simulator {
     ) -> Self {
         let step = step_tape(model, stepper);
         let output = output_tape(model);
-        let steps = if stepper == Stepper::Rkc { 1 } else { substeps };
+        let steps = steps(stepper, substeps, false);
         let warm_up = model.warm_up().map(|warm_up| {
             let inputs = inputs.of_warm_up(warm_up, warm_up.hours);
             WarmUpDrive { drive: Drive::new(&step, &inputs, 1), hours: warm_up.hours }
@@ -118,16 +118,25 @@ impl Simulator {
         self
     }
 
-    /// The same simulation, whose candidates find their own steps as exact as a search needs them, or as a
-    /// prediction does. Steps of a given length stay as they are.
+    /// The same simulation on the same inputs in steps as exact as a search needs them, or as a prediction
+    /// does: loose steps that candidates find for themselves have a larger tolerance, others are twice as
+    /// long, unless they take a whole interval already.
     #[must_use]
-    pub fn with_loose_steps(self, is_loose: bool) -> Self {
-        Self { is_loose, ..self }
+    pub fn with_loose_steps(self, is_loose: bool, inputs: &Inputs) -> Self {
+        if self.is_loose == is_loose {
+            return self;
+        }
+        Self { is_loose, ..self }.driven_by(inputs)
     }
 
-    /// Whether its candidates find steps that are only as exact as a search needs them.
+    /// Whether its steps may be loose ones.
+    pub fn is_loose(&self) -> bool {
+        self.is_loose
+    }
+
+    /// Whether its steps are only as exact as a search needs them.
     pub fn has_loose_steps(&self) -> bool {
-        self.is_loose && self.stepper == Stepper::Rkc
+        self.is_loose && (self.stepper == Stepper::Rkc || self.substeps > 1)
     }
 
     /// What ends its runs from outside.
@@ -138,10 +147,18 @@ impl Simulator {
     /// The same simulation under other inputs of the same grid. What is known stays as it was.
     #[must_use]
     pub fn with_inputs(&self, inputs: &Inputs) -> Self {
-        let steps = if self.stepper == Stepper::Rkc { 1 } else { self.substeps };
-        let (drive, output_drive) =
-            (Drive::new(&self.step, inputs, steps), Drive::new(&self.output, inputs, 1));
-        Self { drive, output_drive, ..self.clone() }
+        Self { output_drive: Drive::new(&self.output, inputs, 1), ..self.clone() }.driven_by(inputs)
+    }
+
+    fn driven_by(self, inputs: &Inputs) -> Self {
+        let steps = self.steps();
+        let drive = Drive::new(&self.step, inputs, steps);
+        Self { drive, step_hours: inputs.hours() / steps as f64, ..self }
+    }
+
+    /// How many steps it takes through an interval, or one where each candidate finds its own.
+    pub(super) fn steps(&self) -> usize {
+        steps(self.stepper, self.substeps, self.is_loose)
     }
 
     /// How it steps.
@@ -149,8 +166,8 @@ impl Simulator {
         self.stepper
     }
 
-    /// Internal steps per sample. The stepper rkc finds its own; with so many its tolerance is a tenth for
-    /// each doubling.
+    /// Internal steps per sample, where they are not loose. The stepper rkc finds its own; with so many its
+    /// tolerance is a tenth for each doubling.
     pub fn substeps(&self) -> usize {
         self.substeps
     }
@@ -182,7 +199,7 @@ impl Simulator {
 
     /// The tape of one step and the sub-steps per sample, for the Kalman filter.
     pub(super) fn step_parts(&self) -> (&Tape, &Drive, usize, f64) {
-        (&self.step, &self.drive, self.substeps, self.step_hours)
+        (&self.step, &self.drive, self.steps(), self.step_hours)
     }
 
     pub(super) fn block<const W: usize>(
@@ -193,7 +210,7 @@ impl Simulator {
         halt: Halt,
     ) -> Vec<Trajectory> {
         let states = self.initial.len();
-        let outputs = self.output.roots.len();
+        let (outputs, substeps) = (self.output.roots.len(), self.steps());
         let mut file = LaneFile::<W>::new(&self.step);
         file.load(thetas, self.step_hours);
         let mut out = LaneFile::<W>::new(&self.output);
@@ -210,14 +227,14 @@ impl Simulator {
         let mut meter = Meter::new(&self.brake);
         let mut steps = self.warm_up(&mut file, thetas, &mut meter);
         for k in 0..until {
-            meter.add(W * (self.substeps * self.step.step.len() + self.output.step.len()));
+            meter.add(W * (substeps * self.step.step.len() + self.output.step.len()));
             if k > 0 && self.known[k - 1] {
-                for step in 0..self.substeps {
+                for step in 0..substeps {
                     self.drive.load(&mut file, k - 1, step);
                     file.step();
                     file.advance();
                 }
-                steps += self.substeps;
+                steps += substeps;
             } else if k > 0 && self.known[k] {
                 self.restarts(k).for_each(|(state, start)| *file.state(state) = [start; W]);
             }
@@ -301,6 +318,15 @@ pub(super) fn diverged(farthest: f64) -> bool {
     farthest.is_nan() || farthest > RUNAWAY
 }
 
+/// How many steps go through an interval: loose ones are half as many.
+fn steps(stepper: Stepper, substeps: usize, is_loose: bool) -> usize {
+    match stepper {
+        Stepper::Rkc => 1,
+        Stepper::Ros2 | Stepper::Rk4 if is_loose => substeps.div_ceil(2),
+        Stepper::Ros2 | Stepper::Rk4 => substeps,
+    }
+}
+
 /// For every sample the mean of the first three valid samples from it on, within its next twelve.
 fn measured_starts(values: &[f64], valid: &[bool]) -> Vec<Option<f64>> {
     (0..values.len())
@@ -370,6 +396,21 @@ mod tests {
             let observed = (ramp_error(stepper, 4, 0.7) / ramp_error(stepper, 8, 0.7)).log2();
             assert!((observed - order).abs() < 0.15, "{stepper:?}: {observed}");
         }
+    }
+
+    #[test]
+    fn loose_steps_are_twice_as_long_and_forgotten_again() {
+        let model = first_order();
+        let inputs = Inputs::from_columns(&model, vec![(0..=10).map(f64::from).collect()], 1.0);
+        let (values, valid) = (vec![20.0; 11], vec![true; 11]);
+        let of = |substeps| Simulator::new(&model, &inputs, &[(&values, &valid)], Stepper::Ros2, substeps);
+        let run = |simulator: &Simulator| simulator.run(&[&[0.7]], 11).swap_remove(0).outputs;
+        let (usual, loose) = (of(6), of(6).with_loose_steps(true, &inputs));
+        assert_eq!(run(&loose), run(&of(3)));
+        assert_eq!(run(&loose.with_inputs(&inputs)), run(&of(3)));
+        assert_eq!(loose.substeps(), 6);
+        assert_eq!(run(&loose.with_loose_steps(false, &inputs)), run(&usual));
+        assert!(!of(1).with_loose_steps(true, &inputs).has_loose_steps());
     }
 
     #[test]

@@ -6,9 +6,9 @@ use crate::data::{Grid, Split};
 use crate::estimate::problem::prior::Prior;
 use crate::fault::Fault;
 use crate::interrupt::Brake;
-use crate::model::Model;
+use crate::model::{Model, Stepper};
 use crate::optimise::Space;
-use crate::simulate::{Inputs, Simulator};
+use crate::simulate::{Inputs, Simulator, Trajectory};
 use indexmap::IndexMap;
 use std::ops::Range;
 
@@ -34,11 +34,33 @@ impl Problem {
         Self { simulator: self.simulator_over(&self.inputs, steps), ..self.clone() }
     }
 
-    /// The same problem, whose candidates find their own steps as exact as a search needs them, or as a
-    /// prediction does.
+    /// The same problem in steps as exact as a search needs them, or as a prediction does.
     #[must_use]
     pub fn with_loose_steps(&self, is_loose: bool) -> Self {
-        Self { simulator: self.simulator.clone().with_loose_steps(is_loose), ..self.clone() }
+        Self { simulator: self.simulator.clone().with_loose_steps(is_loose, &self.inputs), ..self.clone() }
+    }
+
+    /// The same problem in loose steps of a given length, where they move the free run of these parameters by
+    /// no more than this part of its sensors' noise.
+    #[must_use]
+    pub fn in_long_steps(&self, theta: &[f64], part: f64) -> Self {
+        let loose = self.with_loose_steps(true);
+        let moves = || self.farthest_apart(&self.simulate(theta), &loose.simulate(theta));
+        let may_be = self.model.stepper() != Stepper::Rkc && loose.simulator.has_loose_steps();
+        match may_be && moves() <= part * self.scaled_noise() {
+            true => loose,
+            false => self.clone(),
+        }
+    }
+
+    /// The largest difference between two runs, in the unit of the output; of several outputs in the noise of
+    /// their sensors. One that is not a number is as large as can be.
+    pub fn farthest_apart(&self, one: &Trajectory, other: &Trajectory) -> f64 {
+        let largest = |worst: f64, d: f64| if d.is_nan() { f64::INFINITY } else { worst.max(d) };
+        let of_output = |(output, (one, other)): (usize, (&Vec<f64>, &Vec<f64>))| {
+            one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, largest) / self.scale(output)
+        };
+        one.outputs.iter().zip(&other.outputs).enumerate().map(of_output).fold(0.0, largest)
     }
 
     /// The same problem, whose warm-up goes over the mean of the inputs at these samples where it goes over
@@ -97,6 +119,7 @@ impl Problem {
         Simulator::new(&self.model, inputs, &self.measured(), self.model.stepper(), substeps)
             .with_brake(self.brake())
             .with_starts(&self.starts_by_output())
+            .with_loose_steps(self.simulator.is_loose(), inputs)
     }
 
     fn starts_by_output(&self) -> Vec<Option<f64>> {
