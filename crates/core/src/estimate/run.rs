@@ -165,24 +165,27 @@ fn sought<E: From<EstimateError>>(
     })
 }
 
-/// What was found with loose steps, polished with exact ones; as it is where its steps are no loose ones, or
-/// where there is no time for that.
+/// What was found with loose steps, polished with exact ones; as it was found, with the cost of exact steps,
+/// where there is no time for that, and as it is where its steps were no loose ones.
 fn exactly(
     loose: Problem,
     found: SearchResult,
     control: &Control,
 ) -> Result<(Problem, SearchResult), EstimateError> {
-    if !loose.simulator().has_loose_steps() {
-        return Ok((loose, found));
-    }
     let problem = loose.with_loose_steps(false);
+    if !loose.simulator().has_loose_steps() {
+        return Ok((problem, found));
+    }
     let evaluations = EXACT_ITERATIONS * (problem.space().len() + LocalOptions::default().trials) + 1;
-    Ok(match polish(&problem, &found.theta, evaluations, control)? {
-        Some(SearchResult { theta, place, cost, evaluations, .. }) => {
-            let evaluations = found.evaluations + evaluations;
-            (problem, SearchResult { theta, place, cost, evaluations, ..found })
-        }
-        None => (loose, found),
+    if let Some(polished) = polish(&problem, &found.theta, evaluations, control)? {
+        let SearchResult { theta, place, cost, evaluations, .. } = polished;
+        let evaluations = found.evaluations + evaluations;
+        return Ok((problem, SearchResult { theta, place, cost, evaluations, ..found }));
+    }
+    let answer = problem.evaluate(&[problem.candidate(&found.theta)], false);
+    Ok(match answer.first().map(|evaluation| evaluation.cost) {
+        Some(Cost::Finite(cost)) => (problem, SearchResult { cost, ..found }),
+        _ => (loose, found),
     })
 }
 
