@@ -20,9 +20,10 @@ impl SharedCatalogue {
         Ok(Self(ArcSwap::from_pointee(builtin)))
     }
 
-    /// Puts another in its place.
-    pub(in crate::service) fn replace(&self, catalogue: Self) {
-        self.0.store(catalogue.0.into_inner());
+    /// Puts another in the place of one that was read before, and says whether that was still the newest:
+    /// what has been added meanwhile may not be in the other one, and stays.
+    pub(in crate::service) fn replace(&self, before: &Arc<Catalogue>, catalogue: Self) -> bool {
+        Arc::ptr_eq(&self.0.compare_and_swap(before, catalogue.0.into_inner()), before)
     }
 
     /// The catalogue as it is now.
@@ -36,5 +37,25 @@ impl SharedCatalogue {
             change(&mut changed);
             changed
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lampyris_core::model::document::ModelDocument;
+
+    #[test]
+    fn what_was_added_meanwhile_stays() {
+        let shared = || SharedCatalogue(ArcSwap::from_pointee(Catalogue::default()));
+        let text = "id = \"lone\"\ntitle = \"alone\"\nbase = \"rc1\"\neffects = []";
+        let document = ModelDocument::from_toml(text).unwrap();
+        let (catalogue, before) = (shared(), Arc::new(Catalogue::default()));
+        assert!(!catalogue.replace(&before, shared()), "that is not what stands there");
+        let before = catalogue.current();
+        catalogue.change(|catalogue| catalogue.add_model(document.clone()));
+        let added = catalogue.current();
+        assert!(!catalogue.replace(&before, shared()) && Arc::ptr_eq(&catalogue.current(), &added));
+        assert!(catalogue.replace(&added, shared()) && !Arc::ptr_eq(&catalogue.current(), &added));
     }
 }

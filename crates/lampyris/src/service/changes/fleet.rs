@@ -77,7 +77,12 @@ async fn look(service: &Arc<Service>, position: &mut i64, newest: &mut i64) -> R
 
 /// Reads the documents of users anew, which another service may have added.
 async fn reload(service: &Service) -> Result<(), ServiceError> {
-    let builtin = Catalogue::builtin().map_err(|faults| ServiceError::Internal(format!("{faults:?}")))?;
-    service.catalogue.replace(SharedCatalogue::load(&service.store, builtin).await?);
-    Ok(())
+    loop {
+        let before = service.catalogue.current();
+        let builtin = Catalogue::builtin().map_err(|faults| ServiceError::Internal(format!("{faults:?}")))?;
+        let read = SharedCatalogue::load(&service.store, builtin).await?;
+        if service.catalogue.replace(&before, read) {
+            return Ok(());
+        }
+    }
 }
