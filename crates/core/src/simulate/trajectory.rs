@@ -123,10 +123,9 @@ impl Simulator {
     /// long, unless they take a whole interval already.
     #[must_use]
     pub fn with_loose_steps(self, is_loose: bool, inputs: &Inputs) -> Self {
-        if self.is_loose == is_loose {
-            return self;
-        }
-        Self { is_loose, ..self }.driven_by(inputs)
+        let before = self.steps();
+        let changed = Self { is_loose, ..self };
+        if changed.steps() == before { changed } else { changed.driven_by(inputs) }
     }
 
     /// Whether its steps may be loose ones.
@@ -157,7 +156,7 @@ impl Simulator {
     }
 
     /// How many steps it takes through an interval, or one where each candidate finds its own.
-    pub(super) fn steps(&self) -> usize {
+    fn steps(&self) -> usize {
         steps(self.stepper, self.substeps, self.is_loose)
     }
 
