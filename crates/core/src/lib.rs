@@ -14,7 +14,7 @@
 //! | [`diagnose`] | a problem and its fit | a [`diagnose::Diagnosis`]: what the model is missing |
 //! | [`twin`] | a seed | a synthetic room with a known truth |
 //!
-//! [`units`], [`fault`], [`schema`], [`interrupt`] and [`pace`] are leaves that every stage may use.
+//! [`cpu`], [`gram`], [`units`], [`fault`], [`schema`], [`interrupt`] and [`pace`] are leaves that every stage may use.
 //!
 //! # The invariants
 //! 1. A [`data::Window`] exists only through parsing, a [`model::Model`] only through compiling.
@@ -50,7 +50,9 @@
 //! assert_eq!(missing.findings[0].named(), "wind_infiltration");
 //! ```
 
+pub mod cpu;
 pub mod fault;
+pub mod gram;
 pub mod interrupt;
 pub mod pace;
 pub mod schema;

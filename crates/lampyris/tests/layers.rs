@@ -16,7 +16,9 @@ const CORE: &[(&str, &[&str])] = &[
     ("estimate", &["model", "data", "simulate", "optimise"]),
     ("diagnose", &["model", "data", "simulate", "optimise", "estimate"]),
     ("twin", &["model", "data", "simulate"]),
+    ("cpu", &[]),
     ("fault", &[]),
+    ("gram", &[]),
     ("interrupt", &[]),
     ("pace", &[]),
     ("schema", &[]),
@@ -29,7 +31,7 @@ const SERVICE: &[(&str, &[&str])] = &[
     ("http", &["model", "data", "estimate", "diagnose", "store", "service", "settings"]),
     ("settings", &["store"]),
 ];
-const LEAVES: [&str; 5] = ["fault", "interrupt", "pace", "schema", "units"];
+const LEAVES: [&str; 7] = ["cpu", "fault", "gram", "interrupt", "pace", "schema", "units"];
 const IN_CORE: &str = "crates/core/src";
 const IN_SERVICE: &str = "crates/lampyris/src";
 const IN_STORE: &str = "crates/lampyris/src/store";

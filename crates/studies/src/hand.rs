@@ -1,9 +1,9 @@
 //! The room of the thesis written out by hand: the yardstick of the tape.
 
+use lampyris_core::cpu::{Cpu, Kernel, dispatch};
 use lampyris_core::estimate::Problem;
 use lampyris_core::model::math;
 use lampyris_core::simulate::LANES;
-use lampyris_core::simulate::lanes::{Cpu, Kernel, dispatch};
 
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 

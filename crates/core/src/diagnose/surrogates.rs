@@ -357,8 +357,8 @@ mod tests {
     use super::*;
     use crate::data::Window;
     use crate::estimate::segments::Segments;
-    use crate::estimate::segments::dot;
     use crate::estimate::{EstimateRequest, prepare};
+    use crate::gram::dot;
     use crate::model::Catalogue;
 
     #[test]

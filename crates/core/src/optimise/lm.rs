@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::local_options::LocalOptions;
 use super::{Candidate, Cost, Evaluation};
+use crate::gram::{dot, gram};
 
 /// Damping beyond which a step no longer differs from standing still.
 const DAMPING_MAX: f64 = 1e10;
@@ -163,15 +164,12 @@ impl LevenbergMarquardt {
 
     fn normal(&self, columns: &[Vec<f64>]) -> Normal {
         let d = columns.len();
-        let mut matrix = DMatrix::zeros(d, d);
-        for i in 0..d {
-            for j in 0..=i {
-                let product = dot(&columns[i], &columns[j]);
-                matrix[(i, j)] = product;
-                matrix[(j, i)] = product;
-            }
+        let series: Vec<&[f64]> = columns.iter().chain([&self.residuals]).map(Vec::as_slice).collect();
+        let products = gram(&series);
+        Normal {
+            matrix: DMatrix::from_fn(d, d, |i, j| products[i * (d + 1) + j]),
+            gradient: DVector::from_fn(d, |i, _| products[i * (d + 1) + d]),
         }
-        Normal { matrix, gradient: DVector::from_fn(d, |i, _| dot(&columns[i], &self.residuals)) }
     }
 
     /// Prepares a step for each of several damping values.
@@ -291,19 +289,6 @@ impl LevenbergMarquardt {
             }
         }
     }
-}
-
-/// The inner product with eight fixed partial sums: it vectorises, and gives the same bits on every machine.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let (a_blocks, b_blocks) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a_blocks.remainder().iter().zip(b_blocks.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a_blocks.zip(b_blocks) {
-        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-            *sum += a * b;
-        }
-    }
-    sums.iter().sum::<f64>() + rest
 }
 
 #[cfg(test)]

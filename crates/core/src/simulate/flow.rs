@@ -3,9 +3,10 @@
 
 use super::drive::Drive;
 use super::lane::Lane;
-use super::lanes::{Kernel, LaneFile, dispatch};
+use super::lanes::LaneFile;
 use super::transition::{Transition, propagate};
 use super::walk::Noise;
+use crate::cpu::{Kernel, dispatch};
 use crate::interrupt::Brake;
 use crate::model::tape::Tape;
 
@@ -48,14 +49,14 @@ pub(super) struct LaneFlow {
 
 impl FlowModel {
     /// What becomes of states and small changes over the intervals behind these samples, each divided into so
-    /// many stretches.
+    /// many stretches, with a steady rate on top of each state's own.
     pub fn divided<const W: usize>(
         &self,
         theta: &[f64],
         noise: &Noise,
         (drive, at): (&Drive, [usize; W]),
         parts: usize,
-        start: &[Lane<W>],
+        (start, on_top): (&[Lane<W>], &[Lane<W>]),
         brake: &Brake,
     ) -> Flow<W> {
         let (n, m) = (start.len(), self.held.len());
@@ -91,12 +92,12 @@ impl FlowModel {
             let cpu = file.cpu();
             dispatch(
                 cpu,
-                Half { file: &file, x: &flow.x, q: &q, hours: hours / 2.0, work: &mut work, brake },
+                Half { file: &file, x: &flow.x, on_top, q: &q, hours: hours / 2.0, work: &mut work, brake },
             );
             load(&mut file, 2 * part + 1, &work.middle);
             let passed = part as f64 / parts as f64;
             let (model, flow, work) = (self, &mut flow, &mut work);
-            dispatch(cpu, Stretch { model, file: &file, flow, q: &q, hours, passed, work, brake });
+            dispatch(cpu, Stretch { model, file: &file, flow, on_top, q: &q, hours, passed, work, brake });
         }
         flow
     }
@@ -127,6 +128,7 @@ impl<const W: usize> Work<W> {
 struct Half<'a, 't, const W: usize> {
     file: &'a LaneFile<'t, W>,
     x: &'a [Lane<W>],
+    on_top: &'a [Lane<W>],
     q: &'a [Lane<W>],
     hours: f64,
     work: &'a mut Work<W>,
@@ -138,7 +140,7 @@ impl<const W: usize> Kernel for Half<'_, '_, W> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { file, x, q, hours, work, brake } = self;
+        let Self { file, x, on_top, q, hours, work, brake } = self;
         work.step_by(file, q, hours, brake);
         let Work { step, middle, .. } = work;
         let n = x.len();
@@ -147,7 +149,7 @@ impl<const W: usize> Kernel for Half<'_, '_, W> {
             for j in 0..n {
                 let (rate, change) = (file.root(j), file.root(n + j));
                 for lane in 0..W {
-                    moved.0[lane] += step.psi[i * n + j].0[lane] * rate[lane]
+                    moved.0[lane] += step.psi[i * n + j].0[lane] * (rate[lane] + on_top[j].0[lane])
                         + step.ramp[i * n + j].0[lane] * change[lane];
                 }
             }
@@ -161,6 +163,7 @@ struct Stretch<'a, 't, const W: usize> {
     model: &'a FlowModel,
     file: &'a LaneFile<'t, W>,
     flow: &'a mut Flow<W>,
+    on_top: &'a [Lane<W>],
     q: &'a [Lane<W>],
     hours: f64,
     /// The share of the interval that lies behind.
@@ -174,7 +177,7 @@ impl<const W: usize> Kernel for Stretch<'_, '_, W> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { model, file, flow, q, hours, passed, work, brake } = self;
+        let Self { model, file, flow, on_top, q, hours, passed, work, brake } = self;
         let Flow { x, a, b, e, g, q: covariance } = flow;
         work.step_by(file, q, hours, brake);
         let Work { slope, step, middle, rate, scratch } = work;
@@ -185,7 +188,7 @@ impl<const W: usize> Kernel for Stretch<'_, '_, W> {
             let (now, change) = (file.root(i), file.root(n + i));
             let mut sum = Lane([0.0; W]);
             for lane in 0..W {
-                sum.0[lane] = now[lane] - change[lane] * (hours / 2.0);
+                sum.0[lane] = now[lane] + on_top[i].0[lane] - change[lane] * (hours / 2.0);
             }
             for j in 0..n {
                 for lane in 0..W {

@@ -105,35 +105,32 @@ impl Kalman<'_> {
     }
 
     /// The process noise that makes the innovations of samples `0..until` most likely, between 1e-3 and 3
-    /// units per square root of an hour: eight side by side, eight more between the neighbours of the best
-    /// one, then the peak of a parabola through the best three.
+    /// units per square root of an hour: eight side by side, eight more from one neighbour of the best one to
+    /// the other, then the peak of a parabola through the best three of those. The first time all have the
+    /// slopes where the middle one is: noises move the states by little.
     pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
-        let likelihoods = |logarithms: &[f64; TRIED]| -> [f64; TRIED] {
+        let likelihoods = |logarithms: &[f64; TRIED], round: usize| -> [f64; TRIED] {
             let noise = |logarithm: &f64| Noise {
                 process: vec![logarithm.exp(); self.initial.len()],
                 measurement: measurement.to_vec(),
             };
             let noises: Vec<Noise> = logarithms.iter().map(noise).collect();
-            let mut walk = self.walk::<TRIED>(&[theta], &noises);
+            let walk = self.walk::<TRIED>(&[theta], &noises);
+            let mut walk = if round == 0 { walk.with_common_slopes() } else { walk };
             let mut found = [0.0; TRIED];
             self.pass(until, &mut walk, &mut found, |_, _| ());
             found.map(|likelihood| if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY })
         };
         let [low, high] = PROCESS_NOISE.map(f64::ln);
-        // The first time the bounds are tried as well.
-        let mut step = (high - low) / (TRIED - 1) as f64;
-        let mut first = low;
+        let (mut from, mut to) = (low, high);
         let mut tried: Vec<(f64, f64)> = Vec::new();
         for round in 0..ROUNDS {
-            if let (true, Some((best, _))) = (round > 0, peak(&tried)) {
-                let (from, to) = ((best - step).max(low), (best + step).min(high));
-                step = (to - from) / (TRIED + 1) as f64;
-                first = from + step;
-            }
-            let logarithms: [f64; TRIED] = std::array::from_fn(|place| first + place as f64 * step);
-            tried.extend(logarithms.into_iter().zip(likelihoods(&logarithms)));
+            let step = (to - from) / (TRIED - 1) as f64;
+            let logarithms: [f64; TRIED] = std::array::from_fn(|place| from + place as f64 * step);
+            tried = logarithms.into_iter().zip(likelihoods(&logarithms, round)).collect();
+            let best = peak(&tried).map_or(0.5 * (low + high), |best| best.0);
+            (from, to) = ((best - step).max(low), (best + step).min(high));
         }
-        tried.sort_by(|one, other| one.0.total_cmp(&other.0));
         let Some(best) = peak(&tried).and_then(|best| tried.iter().position(|one| *one == best)) else {
             return (0.5 * (low + high)).exp();
         };

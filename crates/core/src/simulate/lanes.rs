@@ -6,6 +6,7 @@
 
 use super::lane::Lane;
 use super::opcode::{Opcode, interpret};
+use crate::cpu::{Cpu, Kernel, dispatch};
 use crate::model::tape::{Instruction, Tape};
 
 /// Candidates in a block.
@@ -30,7 +31,7 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         }
         let flat = |code: &[Instruction]| code.iter().copied().map(Opcode::from).collect();
         let (candidate, step) = (flat(&tape.candidate), flat(&tape.step));
-        Self { tape, candidate, step, registers, cpu: Cpu::detect() }
+        Self { tape, candidate, step, registers, cpu: Cpu::for_lanes(W) }
     }
 
     /// Loads parameter vectors and the step length in hours, and computes what depends on them alone. A
@@ -138,88 +139,6 @@ impl<'t, const W: usize> LaneFile<'t, W> {
     }
 }
 
-/// An instruction set that this machine has. It exists only through [`Cpu::detect`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Cpu(Set);
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Set {
-    /// Whatever the target guarantees.
-    Baseline,
-    /// AVX2: four doubles at a time.
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    /// AVX-512F: eight doubles at a time.
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-}
-
-impl Cpu {
-    /// The best instruction set of this machine.
-    pub fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if std::arch::is_x86_feature_detected!("avx512f")
-                && std::arch::is_x86_feature_detected!("avx512dq")
-            {
-                return Cpu(Set::Avx512);
-            }
-            if std::arch::is_x86_feature_detected!("avx2") {
-                return Cpu(Set::Avx2);
-            }
-        }
-        Cpu(Set::Baseline)
-    }
-
-    /// Its name, for people.
-    pub fn name(self) -> &'static str {
-        match self.0 {
-            Set::Baseline => "baseline",
-            #[cfg(target_arch = "x86_64")]
-            Set::Avx2 => "AVX2",
-            #[cfg(target_arch = "x86_64")]
-            Set::Avx512 => "AVX-512",
-        }
-    }
-}
-
-/// Work that gains from wide vectors: its body is compiled once per instruction set, if it and all that it
-/// calls is marked `#[inline(always)]`.
-pub trait Kernel {
-    /// What it computes.
-    type Output;
-    /// Computes it.
-    fn run(self) -> Self::Output;
-}
-
-/// Runs a kernel compiled for an instruction set: the only place of the project that needs `unsafe`.
-#[inline]
-pub fn dispatch<K: Kernel>(cpu: Cpu, kernel: K) -> K::Output {
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq")]
-    fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
-        kernel.run()
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
-        kernel.run()
-    }
-
-    match cpu.0 {
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Cpu::detect` is the only maker of this value and has found both features.
-        #[allow(unsafe_code)]
-        Set::Avx512 => unsafe { with_avx512(kernel) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Cpu::detect` is the only maker of this value and has found the feature.
-        #[allow(unsafe_code)]
-        Set::Avx2 => unsafe { with_avx2(kernel) },
-        _ => kernel.run(),
-    }
-}
-
 /// Code whose first result goes to register `first`.
 struct Run<'a, const W: usize> {
     code: &'a [Opcode],
@@ -292,7 +211,7 @@ mod tests {
             21.7,
             -3e-5,
         ];
-        for cpu in [Cpu(Set::Baseline), Cpu::detect()] {
+        for cpu in [Cpu::for_lanes(1), Cpu::detect()] {
             for shift in 0..awkward.len() {
                 let mut file = LaneFile::<LANES>::new(&tape);
                 file.cpu = cpu;

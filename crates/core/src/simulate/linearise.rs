@@ -32,6 +32,17 @@ pub struct Entering {
     pub delay: f64,
 }
 
+/// Where a step begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepStart {
+    /// The sample.
+    pub sample: usize,
+    /// The states there.
+    pub states: Vec<f64>,
+    /// A steady rate, per hour, on top of each state's own; of none where it is empty.
+    pub on_top: Vec<f64>,
+}
+
 /// One step of the linear model; matrices by rows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearStep {
@@ -164,12 +175,13 @@ impl<'a> Linearisation<'a> {
             // Those that have ended, or left the numbers, take part no more.
             let goes_on = |place: &usize| chains[*place].is_some() && passed < stretches[*place].0.len();
             let going: Vec<usize> = (0..stretches.len()).filter(goes_on).collect();
-            let starts: Vec<(usize, Vec<f64>)> = going
+            let starts: Vec<StepStart> = going
                 .iter()
                 .map(|place| {
                     let (samples, start) = &stretches[*place];
                     let last = chains[*place].as_ref().and_then(|chain| chain.last());
-                    (samples.start + passed, last.map_or_else(|| start.to_vec(), |step| step.next.clone()))
+                    let states = last.map_or_else(|| start.to_vec(), |step| step.next.clone());
+                    StepStart { sample: samples.start + passed, states, on_top: Vec::new() }
                 })
                 .collect();
             let steps = self.steps_from::<W>(&starts, noise, finest, brake, drives);
@@ -185,14 +197,8 @@ impl<'a> Linearisation<'a> {
 
     /// The steps from each of these samples to the next, each from states of its own, in two stretches: near
     /// enough to filter by, where many parameters are tried.
-    pub fn steps_along<'s>(
-        &self,
-        samples: impl Iterator<Item = (usize, &'s [f64])>,
-        noise: &Noise,
-        brake: &Brake,
-    ) -> Option<Vec<LinearStep>> {
+    pub fn steps_along(&self, starts: &[StepStart], noise: &Noise, brake: &Brake) -> Option<Vec<LinearStep>> {
         let mut drives = Vec::new();
-        let starts: Vec<(usize, Vec<f64>)> = samples.map(|(k, start)| (k, start.to_vec())).collect();
         let mut steps = Vec::with_capacity(starts.len());
         for some in starts.chunks(WIDTH) {
             for step in self.steps_from::<WIDTH>(some, noise, 2, brake, &mut drives) {
@@ -207,7 +213,7 @@ impl<'a> Linearisation<'a> {
     /// they were needed.
     fn steps_from<const W: usize>(
         &self,
-        starts: &[(usize, Vec<f64>)],
+        starts: &[StepStart],
         noise: &Noise,
         finest: usize,
         brake: &Brake,
@@ -216,15 +222,18 @@ impl<'a> Linearisation<'a> {
         let Some(last) = starts.len().checked_sub(1) else { return Vec::new() };
         // Lanes more repeat the last sample.
         let of_lane = |lane: usize| &starts[lane.min(last)];
-        let at: [usize; W] = std::array::from_fn(|lane| of_lane(lane).0);
+        let at: [usize; W] = std::array::from_fn(|lane| of_lane(lane).sample);
         let n = self.model.states().len();
-        let states: Vec<Lane<W>> =
-            (0..n).map(|state| Lane(std::array::from_fn(|lane| of_lane(lane).1[state]))).collect();
+        let lanes = |value: &dyn Fn(&StepStart, usize) -> f64| -> Vec<Lane<W>> {
+            (0..n).map(|state| Lane(std::array::from_fn(|lane| value(of_lane(lane), state)))).collect()
+        };
+        let states = lanes(&|start, state| start.states[state]);
+        let on_top = lanes(&|start, state| start.on_top.get(state).copied().unwrap_or(0.0));
         let divided = |level: usize, drives: &mut Vec<Drive>| {
             if drives.len() == level {
                 drives.push(Drive::new(&self.flow.field, self.inputs, 2 << level));
             }
-            self.flow.divided(self.theta, noise, (&drives[level], at), 1 << level, &states, brake)
+            self.flow.divided(self.theta, noise, (&drives[level], at), 1 << level, (&states, &on_top), brake)
         };
         let mut coarse = divided(0, drives);
         let mut best: Option<Flow<W>> = None;
@@ -259,11 +268,12 @@ impl<'a> Linearisation<'a> {
         let roots = self.observation.roots.len();
         let observed = |lane: usize| -> Vec<f64> { (0..roots).map(|root| file.root(root)[lane]).collect() };
         let lanes = starts.iter().zip(found).enumerate();
-        lanes.map(|(lane, ((k, states), flow))| Some(self.step(*k, states, flow?, &observed(lane)))).collect()
+        lanes.map(|(lane, (start, flow))| Some(self.step(start, flow?, &observed(lane)))).collect()
     }
 
-    /// The step that starts at sample `k`; `observed` are the outputs there with their derivatives.
-    fn step(&self, k: usize, states: &[f64], flow: LaneFlow, observed: &[f64]) -> LinearStep {
+    /// The step from a start; `observed` are the outputs there with their derivatives.
+    fn step(&self, start: &StepStart, flow: LaneFlow, observed: &[f64]) -> LinearStep {
+        let StepStart { sample: k, states, on_top } = start;
         let (n, m) = (states.len(), self.entering.len());
         let width = 1 + n + m;
         let rows = 0..self.model.outputs().len();
@@ -271,13 +281,16 @@ impl<'a> Linearisation<'a> {
             rows.clone().flat_map(|row| observed[row * width + from..row * width + to].to_vec()).collect()
         };
         let (c, d) = (part(1, 1 + n), part(1 + n, width));
-        let now: Vec<f64> = self.entering.iter().map(|one| self.value(*one, k as f64)).collect();
-        let then: Vec<f64> = self.entering.iter().map(|one| self.value(*one, k as f64 + 1.0)).collect();
+        let now: Vec<f64> = self.entering.iter().map(|one| self.value(*one, *k as f64)).collect();
+        let then: Vec<f64> = self.entering.iter().map(|one| self.value(*one, *k as f64 + 1.0)).collect();
         let of = |matrix: &[f64], row: usize, by: &[f64]| -> f64 {
             by.iter().enumerate().map(|(column, value)| matrix[row * by.len() + column] * value).sum()
         };
         let LaneFlow { x, a, b, e, g, q } = flow;
-        let offset = (0..n).map(|i| x[i] - of(&a, i, states) - of(&b, i, &now) - of(&e, i, &then)).collect();
+        let on_top = |i: usize| on_top.iter().enumerate().map(|(j, rate)| g[i * n + j] * rate).sum::<f64>();
+        let offset = (0..n)
+            .map(|i| x[i] - of(&a, i, states) - of(&b, i, &now) - of(&e, i, &then) - on_top(i))
+            .collect();
         let outputs: Vec<f64> = rows.clone().map(|row| observed[row * width]).collect();
         let output_offset = rows.map(|row| outputs[row] - of(&c, row, states) - of(&d, row, &now)).collect();
         LinearStep { a, b, e, g, offset, q, c, d, output_offset, outputs, states: states.to_vec(), next: x }

@@ -2,7 +2,7 @@
 
 use super::drive::Inputs;
 use super::kalman::Noise;
-use super::linearise::{LinearStep, Linearisation};
+use super::linearise::{LinearStep, Linearisation, StepStart};
 use super::trajectory::Simulator;
 use crate::interrupt::Brake;
 use crate::model::document::ModelDocument;
@@ -209,4 +209,23 @@ fn a_curved_model_has_the_slopes_of_its_simulation() {
             + DVector::from_row_slice(&step.offset)
     };
     (0..2).for_each(|i| assert!((again(&step)[i] - step.next[i]).abs() < 1e-9));
+}
+
+#[test]
+fn a_rate_on_top_moves_the_end_by_what_the_matrix_of_rates_says() {
+    let model = model(TITE);
+    let theta = [0.8, 0.25, 0.06, 1.7];
+    let inputs = Inputs::from_columns(&model, vec![vec![3.0, 5.0], vec![2.0, 0.5]], 0.25);
+    let linear = Linearisation::new(&model, &inputs, &theta);
+    let from = |on_top: &[f64]| {
+        let start = StepStart { sample: 0, states: vec![20.0, 15.0], on_top: on_top.to_vec() };
+        linear.steps_along(&[start], &quiet(2), &Brake::NONE).unwrap().remove(0)
+    };
+    let (without, with) = (from(&[]), from(&[1.3, -0.4]));
+    for i in 0..2 {
+        let moved = with.next[i] - without.next[i];
+        let told = with.g[i * 2] * 1.3 - with.g[i * 2 + 1] * 0.4;
+        assert!(moved.abs() > 0.05 && (moved - told).abs() < 1e-12, "{moved} {told}");
+        assert!((with.offset[i] - without.offset[i]).abs() < 1e-12);
+    }
 }

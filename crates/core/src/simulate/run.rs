@@ -61,6 +61,7 @@ impl Simulator {
                 1..=4 => self.block::<4>(block, until, false, halt),
                 5..=8 => self.block::<8>(block, until, false, halt),
                 9..=16 => self.block::<16>(block, until, false, halt),
+                17..=24 => self.block::<24>(block, until, false, halt),
                 _ => self.block::<LANES>(block, until, false, halt),
             }
         };

@@ -30,28 +30,16 @@ pub struct Stretch<'a> {
 }
 
 impl Simulator {
-    /// Runs the samples of a stretch for every pair of a parameter vector and its states at the first sample;
-    /// as many of the one as of the other. Gives `[pair][output][sample of the stretch]`; the inputs must be
-    /// known between its samples. Only models that step with their samples have such runs.
-    pub fn run_from(
-        &self,
-        samples: Range<usize>,
-        thetas: &[&[f64]],
-        starts: &[&[f64]],
-    ) -> Vec<Vec<Vec<f64>>> {
-        let pairs = thetas.iter().zip(starts);
-        let stretch = |(theta, start)| Stretch { samples: samples.clone(), theta, start };
-        self.run_stretches(&pairs.map(|(theta, start)| stretch((*theta, *start))).collect::<Vec<_>>())
-    }
-
     /// Runs several stretches, side by side wherever they lie: `[stretch][output][sample of the stretch]`.
-    /// Few parameter vectors along many short stretches so fill the lanes all the same.
+    /// Few parameter vectors along many short stretches so fill the lanes all the same. Only models that step
+    /// with their samples have such runs.
     pub fn run_stretches(&self, stretches: &[Stretch]) -> Vec<Vec<Vec<f64>>> {
         let block = |stretches: &[Stretch]| match stretches.len() {
             1 => self.abreast::<1>(stretches),
             2..=4 => self.abreast::<4>(stretches),
             5..=8 => self.abreast::<8>(stretches),
             9..=16 => self.abreast::<16>(stretches),
+            17..=24 => self.abreast::<24>(stretches),
             _ => self.abreast::<LANES>(stretches),
         };
         stretches.chunks(LANES).flat_map(block).collect()

@@ -35,6 +35,8 @@ pub struct Transition<T> {
     scratch: Vec<T>,
     /// The Jacobian, without those that no step can follow.
     given: Vec<T>,
+    /// A variance of 1 for each state.
+    units: Vec<T>,
 }
 
 impl<const W: usize> Transition<Lane<W>> {
@@ -74,6 +76,51 @@ impl<const W: usize> Transition<Lane<W>> {
     }
 }
 
+impl<const W: usize> Transition<Lane<W>> {
+    /// Becomes the step of lanes that have one Jacobian, that of the first, and each one `variance` for all of
+    /// its states: `common` is that of a variance of 1.
+    #[inline(always)]
+    pub fn set_common(
+        &mut self,
+        common: &mut Transition<f64>,
+        a: &[Lane<W>],
+        variance: Lane<W>,
+        hours: f64,
+        brake: &Brake,
+    ) {
+        let mut given = std::mem::take(&mut common.given);
+        for place in 0..given.len() {
+            given[place] = a[place].0[0];
+        }
+        let units = std::mem::take(&mut common.units);
+        let follows = common.set_small(&given, &units, hours, false, brake);
+        for place in 0..given.len() {
+            let (phi, noise) =
+                if follows { (common.phi[place], common.noise[place]) } else { (f64::NAN, f64::NAN) };
+            self.phi[place] = Lane([phi; W]);
+            self.noise[place] = variance.scaled(noise);
+        }
+        (common.given, common.units) = (given, units);
+    }
+}
+
+impl Transition<f64> {
+    /// The same as [`Transition::set`], compiled for the few states of most models: loops whose length is
+    /// known are no loops.
+    #[inline(always)]
+    pub fn set_small(&mut self, a: &[f64], q: &[f64], hours: f64, exact: bool, brake: &Brake) -> bool {
+        match q.len() {
+            1 => self.set_of(1, a, q, hours, exact, brake),
+            2 => self.set_of(2, a, q, hours, exact, brake),
+            3 => self.set_of(3, a, q, hours, exact, brake),
+            4 => self.set_of(4, a, q, hours, exact, brake),
+            5 => self.set_of(5, a, q, hours, exact, brake),
+            6 => self.set_of(6, a, q, hours, exact, brake),
+            n => self.set_of(n, a, q, hours, exact, brake),
+        }
+    }
+}
+
 impl<T: MatrixEntry> Transition<T> {
     /// The step over `hours` of a system with Jacobian `a` and noise variances `q` per hour; an `exact` one
     /// has the integrals over the inputs as well. `None` where the Jacobian is not finite, or too large for
@@ -87,7 +134,7 @@ impl<T: MatrixEntry> Transition<T> {
     pub fn empty(n: usize) -> Self {
         let zero = || vec![T::constant(0.0); n * n];
         let [phi, psi, ramp, noise, power, lyapunov, scratch, given] = std::array::from_fn(|_| zero());
-        Self { phi, psi, ramp, noise, power, lyapunov, scratch, given }
+        Self { phi, psi, ramp, noise, power, lyapunov, scratch, given, units: vec![T::constant(1.0); n] }
     }
 
     /// Whether a step can follow a Jacobian whose norm is this over it.
@@ -99,7 +146,12 @@ impl<T: MatrixEntry> Transition<T> {
     /// Becomes another step, as [`Transition::new`] makes it. Whether there is one.
     #[inline(always)]
     pub fn set(&mut self, a: &[T], q: &[T], hours: f64, exact: bool, brake: &Brake) -> bool {
-        let n = q.len();
+        self.set_of(q.len(), a, q, hours, exact, brake)
+    }
+
+    /// The same for `n` states.
+    #[inline(always)]
+    fn set_of(&mut self, n: usize, a: &[T], q: &[T], hours: f64, exact: bool, brake: &Brake) -> bool {
         let mut meter = Meter::new(brake);
         let product = n.pow(3) * (size_of::<T>() / size_of::<f64>());
         let terms = if exact { EXACT } else { LINEARISED };
@@ -134,17 +186,17 @@ impl<T: MatrixEntry> Transition<T> {
         for term in 1..=terms {
             meter.add(2 * product);
             let k = term as f64;
-            add(noise, lyapunov);
+            add(noise, lyapunov, n);
             if exact {
                 // At this place `power` is (A t)^(k-1) / (k-1)!.
-                add_scaled(psi, power, time / k);
-                add_scaled(ramp, power, time * time / (k * (k + 1.0)));
+                add_scaled(psi, power, time / k, n);
+                add_scaled(ramp, power, time * time / (k * (k + 1.0)), n);
             }
             multiply(scratch, a, power, n);
             for place in 0..n * n {
                 power[place] = scratch[place].scaled(time / k);
             }
-            add(phi, power);
+            add(phi, power, n);
             multiply(scratch, a, lyapunov, n);
             for i in 0..n {
                 for j in 0..=i {
@@ -166,10 +218,10 @@ impl<T: MatrixEntry> Transition<T> {
         let Self { phi, psi, ramp, noise, power: before, scratch, .. } = self;
         if exact {
             multiply(scratch, phi, ramp, n);
-            add(ramp, scratch);
-            add_scaled(ramp, psi, time);
+            add(ramp, scratch, n);
+            add_scaled(ramp, psi, time, n);
             multiply(scratch, phi, psi, n);
-            add(psi, scratch);
+            add(psi, scratch, n);
         }
         before.copy_from_slice(noise);
         propagate(noise, phi, before, scratch, n);
@@ -187,15 +239,17 @@ fn identity<T: MatrixEntry>(to: &mut [T], n: usize) {
 }
 
 #[inline(always)]
-fn add<T: MatrixEntry>(to: &mut [T], what: &[T]) {
-    for place in 0..to.len() {
+fn add<T: MatrixEntry>(to: &mut [T], what: &[T], n: usize) {
+    let (to, what) = (&mut to[..n * n], &what[..n * n]);
+    for place in 0..n * n {
         to[place] = to[place] + what[place];
     }
 }
 
 #[inline(always)]
-fn add_scaled<T: MatrixEntry>(to: &mut [T], what: &[T], factor: f64) {
-    for place in 0..to.len() {
+fn add_scaled<T: MatrixEntry>(to: &mut [T], what: &[T], factor: f64, n: usize) {
+    let (to, what) = (&mut to[..n * n], &what[..n * n]);
+    for place in 0..n * n {
         to[place] = to[place] + what[place].scaled(factor);
     }
 }
@@ -203,6 +257,7 @@ fn add_scaled<T: MatrixEntry>(to: &mut [T], what: &[T], factor: f64) {
 #[inline(always)]
 fn multiply<T: MatrixEntry>(to: &mut [T], a: &[T], b: &[T], n: usize) {
     // By rows of b: the same sums in the same order, and neighbours in memory one after the other.
+    let (to, a, b) = (&mut to[..n * n], &a[..n * n], &b[..n * n]);
     for i in 0..n {
         let row = &mut to[i * n..(i + 1) * n];
         for j in 0..n {

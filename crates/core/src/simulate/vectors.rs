@@ -5,7 +5,8 @@
 //! say.
 
 use super::lane::Lane;
-use super::lanes::{Cpu, Kernel, LaneFile, dispatch};
+use super::lanes::LaneFile;
+use crate::cpu::{Cpu, Kernel, dispatch};
 
 /// A value per state and lane.
 #[derive(Debug, Clone)]

@@ -3,10 +3,11 @@
 
 use super::drive::{Drive, Inputs};
 use super::lane::Lane;
-use super::lanes::{Kernel, LaneFile, dispatch};
+use super::lanes::LaneFile;
 use super::stepper::{jacobian_tape, observation_tape};
 use super::trajectory::{MeasuredOutput, Simulator};
 use super::transition::{Transition, propagate};
+use crate::cpu::{Kernel, dispatch};
 use crate::interrupt::{Brake, Meter};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model};
@@ -51,9 +52,15 @@ pub(super) struct Walk<'a, const W: usize> {
     q: Vec<Lane<W>>,
     /// Variances of the sensors.
     r: Vec<Lane<W>>,
+    /// Whether the lanes have the slopes of one of them in common.
+    in_common: bool,
     /// The last sub-step with its Jacobian, kept while that stays the same.
     jacobian: Vec<Lane<W>>,
     step: Transition<Lane<W>>,
+    /// Where all states of a lane have one variance of noise, that, and the step of a variance of 1 that lanes
+    /// with one Jacobian have in common.
+    even: Option<Lane<W>>,
+    common: Transition<f64>,
     scratch: Vec<Lane<W>>,
     file: LaneFile<'a, W>,
     slopes: LaneFile<'a, W>,
@@ -104,13 +111,17 @@ impl<'a> Kalman<'a> {
                 Initial::Measured(_) => 0.0,
             }))
         };
+        let q: Vec<Lane<W>> = (0..n).map(|state| of_noise(&|noise| noise.process[state].powi(2))).collect();
         Walk {
             of: self,
             x: zeros(n),
             p: zeros(n * n),
             starts: self.initial.iter().map(start).collect(),
-            q: (0..n).map(|state| of_noise(&|noise| noise.process[state].powi(2))).collect(),
+            even: q.first().copied().filter(|first| q.iter().all(|other| other.0 == first.0)),
+            common: Transition::empty(n),
+            q,
             r: (0..outputs).map(|output| of_noise(&|noise| noise.measurement[output])).collect(),
+            in_common: false,
             jacobian: vec![Lane([f64::NAN; W]); n * n],
             step: Transition::empty(n),
             scratch: zeros(n * n),
@@ -153,6 +164,11 @@ impl<const W: usize> Walk<'_, W> {
         }
     }
 
+    /// Lets all lanes, which differ in their noises alone, take the slopes where the middle one is.
+    pub fn with_common_slopes(self) -> Self {
+        Self { in_common: true, ..self }
+    }
+
     /// Takes mean and covariance from sample `k` to the next one, as long as nothing is measured.
     pub fn advance(&mut self, k: usize) {
         let n = self.x.len();
@@ -178,13 +194,17 @@ impl<const W: usize> Walk<'_, W> {
 
     /// Takes the covariance over a sub-step of so many hours; there is none in lanes that no step can follow.
     fn spread(&mut self, hours: f64) {
-        let Self { of, jacobian, step, slopes, q, p, scratch, .. } = self;
-        let is_same = jacobian.iter().enumerate().all(|(place, entry)| entry.0 == *slopes.root(place));
+        let Self { of, in_common, jacobian, step, even, common, slopes, q, p, scratch, .. } = self;
+        let now = |place: usize| match *in_common {
+            true => [slopes.root(place)[W / 2]; W],
+            false => *slopes.root(place),
+        };
+        let is_same = jacobian.iter().enumerate().all(|(place, entry)| entry.0 == now(place));
         let anew = (!is_same).then(|| {
-            jacobian.iter_mut().enumerate().for_each(|(place, entry)| *entry = Lane(*slopes.root(place)));
+            jacobian.iter_mut().enumerate().for_each(|(place, entry)| *entry = Lane(now(place)));
             (jacobian.as_slice(), hours, of.simulator.brake())
         });
-        dispatch(slopes.cpu(), Spread { anew, step, q, p, scratch });
+        dispatch(slopes.cpu(), Spread { anew, step, even: *even, common, q, p, scratch });
     }
 
     /// Each output at sample `k` by the states as they are, and its variance by theirs.
@@ -230,6 +250,8 @@ struct Spread<'a, const W: usize> {
     /// The Jacobian, the hours, and who may end it.
     anew: Option<(&'a [Lane<W>], f64, &'a Brake)>,
     step: &'a mut Transition<Lane<W>>,
+    even: Option<Lane<W>>,
+    common: &'a mut Transition<f64>,
     q: &'a [Lane<W>],
     p: &'a mut [Lane<W>],
     scratch: &'a mut [Lane<W>],
@@ -240,13 +262,31 @@ impl<const W: usize> Kernel for Spread<'_, W> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { anew, step, q, p, scratch } = self;
+        let Self { anew, step, even, common, q, p, scratch } = self;
         let n = q.len();
         if let Some((jacobian, hours, brake)) = anew {
-            step.set_each(jacobian, q, hours, false, brake);
+            match even {
+                Some(variance) if is_common(jacobian) => {
+                    step.set_common(common, jacobian, variance, hours, brake);
+                }
+                _ => step.set_each(jacobian, q, hours, false, brake),
+            }
         }
         propagate(p, &step.phi, &step.noise, scratch, n);
     }
+}
+
+/// Whether all lanes have the same Jacobian.
+#[inline(always)]
+fn is_common<const W: usize>(jacobian: &[Lane<W>]) -> bool {
+    for entry in jacobian {
+        for lane in 1..W {
+            if entry.0[lane] != entry.0[0] {
+                return false;
+            }
+        }
+    }
+    true
 }
 
 /// A value that is taken in.

@@ -9,7 +9,7 @@ use crate::store::server::{self, ServerState};
 use crate::store::{DatabasePlace, StoreError};
 use Status::{Fail, Fine, Warn};
 use jiff::tz::TimeZone;
-use lampyris_core::simulate::lanes::Cpu;
+use lampyris_core::cpu::Cpu;
 use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
 use std::fs;

@@ -5,7 +5,7 @@
 //! as the window of a night, costs no more than adding them up.
 
 use super::whitened::Whitened;
-use crate::estimate::segments::dot;
+use crate::gram::{dot, gram};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -66,13 +66,13 @@ impl Scan {
         let rows = |day: usize| record.rows(day..day + 1);
         let throughout = |day: usize| {
             let rows = rows(day);
+            let mut series: Vec<&[f64]> = whole.iter().map(|series| &series[rows.clone()]).collect();
+            series.push(&record.innovations[rows]);
+            let products = gram(&series);
+            let product = |i: usize, j: usize| products[i * series.len() + j];
             Throughout {
-                gram: DMatrix::from_fn(places, places, |i, j| {
-                    dot(&whole[i][rows.clone()], &whole[j][rows.clone()])
-                }),
-                with: DVector::from_fn(places, |i, _| {
-                    dot(&whole[i][rows.clone()], &record.innovations[rows.clone()])
-                }),
+                gram: DMatrix::from_fn(places, places, product),
+                with: DVector::from_fn(places, |i, _| product(i, places)),
             }
         };
         let changing = |stretch: Range<usize>, series: &[f64]| -> Vec<Changing> {

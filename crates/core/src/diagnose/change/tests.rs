@@ -5,9 +5,10 @@ use super::whitened::Whitened;
 use super::{ChangeRecord, changes};
 use crate::data::{ColumnBindings, DAY, Duration, SplitRequest, Window};
 use crate::diagnose::tests::site;
-use crate::estimate::segments::dot;
 use crate::estimate::{EstimateRequest, Problem, prepare};
+use crate::gram::dot;
 use crate::model::Catalogue;
+use crate::simulate::segment::Stretch;
 use crate::twin::{ChangedParameter, Level, World, WorldRequest, world};
 use nalgebra::{DMatrix, DVector};
 
@@ -87,7 +88,8 @@ fn a_direction_is_what_a_changed_parameter_adds_to_the_innovations() {
     let grid = room.grid();
     let from = (960..grid.len()).find(|k| grid.time(*k).rem_euclid(DAY) == 0).unwrap();
     let start: Vec<f64> = run.states.iter().map(|series| series[from]).collect();
-    let rest = room.simulator().run_from(from..grid.len(), &[&moved], &[&start]).remove(0).remove(0);
+    let rest = Stretch { samples: from..grid.len(), theta: &moved, start: &start };
+    let rest = room.simulator().run_stretches(&[rest]).remove(0).remove(0);
     let csv = |changed: bool| {
         let mut text = header.to_owned();
         for k in 0..grid.len() {

@@ -6,6 +6,7 @@
 //! change feeds and every value corrects (Willsky and Jones 1976, "A generalized likelihood ratio approach to
 //! the detection and estimation of jumps in linear systems", IEEE Transactions on Automatic Control 21).
 
+use crate::cpu::{Cpu, Kernel, dispatch};
 use crate::data::DAY;
 use crate::diagnose::missing_heat::record::{LinearRecord, MissingHeatAsked};
 use crate::diagnose::missing_heat::smoother::{likeliest, passed};
@@ -14,7 +15,6 @@ use crate::estimate::assess::metrics::filter;
 use crate::estimate::segments::is_start;
 use crate::model::{Model, Scale};
 use crate::simulate::lane::Lane;
-use crate::simulate::lanes::{Cpu, Kernel, dispatch};
 use crate::simulate::segment::StepAlong;
 use std::ops::Range;
 
@@ -80,7 +80,7 @@ impl Whitened {
         let model = problem.model();
         let asked = MissingHeatAsked { problem, theta, output, state };
         let along = filter(problem, theta, None).filtered.states;
-        let record = LinearRecord::new(&asked, &along)?;
+        let record = LinearRecord::new(&asked, &along, &[])?;
         let begin = asked.begin();
         let guess = likeliest(&record, begin, begin, problem.brake());
         let (passed, likelihood) = passed(&record, guess);

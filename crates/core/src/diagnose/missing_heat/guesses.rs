@@ -2,9 +2,9 @@
 //! times a record. What is summed up over an hour plays no part in it.
 
 use super::record::LinearRecord;
+use crate::cpu::{Cpu, Kernel, dispatch};
 use crate::model::math;
 use crate::simulate::lane::Lane;
-use crate::simulate::lanes::{Cpu, Kernel, dispatch};
 
 /// What the filter is told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -246,7 +246,7 @@ mod tests {
         let along: Vec<Vec<f64>> =
             (0..problem.grid().len()).map(|k| along.iter().map(|series| series[k]).collect()).collect();
         let asked = MissingHeatAsked { problem: &problem, theta: &theta, output: 0, state: 0 };
-        let record = LinearRecord::new(&asked, &along).unwrap();
+        let record = LinearRecord::new(&asked, &along, &[]).unwrap();
         let guesses: [Guess; WIDTH] = std::array::from_fn(|lane| Guess {
             sensor: 0.5 + 0.3 * lane as f64,
             size: 0.02 * 1.8f64.powi(lane as i32),

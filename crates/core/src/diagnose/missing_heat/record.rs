@@ -4,17 +4,19 @@
 use crate::data::HOUR;
 use crate::estimate::Problem;
 use crate::simulate::kalman::Noise;
-use crate::simulate::linearise::Linearisation;
+use crate::simulate::linearise::{Linearisation, StepStart};
 use nalgebra::{DMatrix, DVector};
 
-/// How far a state may lie from where it is expected at the start and behind a gap, and how much may always
-/// be missing per hour: 3 K of a room.
-const FREE: f64 = 60.0;
+/// How far a state may lie from where it is expected behind a gap, and how much may always be missing per
+/// hour: 3 K of a room.
+pub(super) const FREE: f64 = 60.0;
+/// How far it may lie from there at the start: the floor of a heated room is 20 K above the air.
+const START: f64 = 400.0;
 /// What the equations leave open of every state, per square root of an hour: enough for rounding, and too
 /// little to explain what flows.
 const PROCESS_SD: f64 = 0.2;
 
-// Both are in deviations of the sensor.
+// All are in deviations of the sensor.
 
 /// Of what the missing heat is asked.
 #[derive(Clone, Copy)]
@@ -56,15 +58,18 @@ pub(in crate::diagnose) struct LinearRecord {
     pub steps: Vec<AffineStep>,
     /// The states at the first sample.
     start: Vec<f64>,
-    /// How free they are, and what is always missing: variances.
+    /// How free they are: a variance.
+    start_free: f64,
+    /// How free what is always missing is: a variance.
     free: f64,
     /// Where an hour of the clock begins.
     pub begins: Vec<bool>,
 }
 
 impl LinearRecord {
-    /// Linearises a record along these states, sample by sample. `None` where a step leaves the numbers.
-    pub fn new(asked: &MissingHeatAsked<'_>, along: &[Vec<f64>]) -> Option<Self> {
+    /// Linearises a record along these states and what is missing there, sample by sample; nothing is where
+    /// no rates are given. `None` where a step leaves the numbers.
+    pub fn new(asked: &MissingHeatAsked<'_>, along: &[Vec<f64>], missing: &[f64]) -> Option<Self> {
         let MissingHeatAsked { problem, theta, state, .. } = *asked;
         let (model, inputs, grid) = (problem.model(), problem.inputs(), problem.grid());
         let (n, outputs, samples) = (model.states().len(), model.outputs().len(), grid.len());
@@ -76,8 +81,16 @@ impl LinearRecord {
         let begins: Vec<bool> = (0..samples).map(|k| k == 0 || hour(k) != hour(k - 1)).collect();
         let known: Vec<usize> =
             (0..samples.saturating_sub(1)).filter(|k| inputs.known(*k) && inputs.known(k + 1)).collect();
-        let starts = known.iter().map(|k| (*k, along[*k].as_slice()));
-        let linear = Linearisation::new(model, inputs, theta).steps_along(starts, &noise, problem.brake())?;
+        let on_top = |k: usize| missing.get(k).copied().unwrap_or(0.0);
+        let starts: Vec<StepStart> = known
+            .iter()
+            .map(|k| {
+                let on_top = (0..n).map(|i| if i == state { on_top(*k) } else { 0.0 }).collect();
+                StepStart { sample: *k, states: along[*k].clone(), on_top }
+            })
+            .collect();
+        let linear =
+            Linearisation::new(model, inputs, theta).steps_along(&starts, &noise, problem.brake())?;
         let measured = problem.measured();
         let mut readings: Vec<Vec<Reading>> = (0..samples).map(|_| Vec::new()).collect();
         let mut steps: Vec<AffineStep> = (1..samples).map(|next| Self::gap(&along[next], free)).collect();
@@ -91,6 +104,7 @@ impl LinearRecord {
             }
             let mut constant = DVector::zeros(n + 3);
             constant.rows_mut(0, n).copy_from(&(DVector::from_column_slice(&step.next) - &a * &at));
+            (0..n).for_each(|i| constant[i] -= step.g[i * n + state] * on_top(*k));
             let mut covariance = DMatrix::zeros(n + 3, n + 3);
             covariance.view_mut((0, 0), (n, n)).copy_from(&DMatrix::from_row_slice(n, n, &step.q));
             steps[*k] = AffineStep { matrix, constant, covariance };
@@ -113,7 +127,24 @@ impl LinearRecord {
             step.matrix[(sum, steady)] = inputs.hours();
             step.matrix[(steady, steady)] = 1.0;
         }
-        Some(Self { hours: inputs.hours(), readings, steps, start: along.first()?.clone(), free, begins })
+        let (start, start_free) = (along.first()?.clone(), (START * sensor).powi(2));
+        Some(Self { hours: inputs.hours(), readings, steps, start, start_free, free, begins })
+    }
+
+    /// The same, with the state that is shown where it is in `along`, and with what is `missing` there, for
+    /// all that the other states take of it, and with `start` for what is expected at the start. What is
+    /// measured is known well enough for that, and a thermostat that is linear in it would be open wider than
+    /// it can, or less than not at all.
+    pub fn shown_along(mut self, state: usize, along: &[Vec<f64>], missing: &[f64], start: &[f64]) -> Self {
+        let (rate, steady) = (self.rate(), self.rate() + 1);
+        for ((step, at), missing) in self.steps.iter_mut().zip(along).zip(missing) {
+            for i in (0..start.len()).filter(|i| *i != state) {
+                step.constant[i] += step.matrix[(i, state)] * at[state] + step.matrix[(i, rate)] * missing;
+                [state, rate, steady].into_iter().for_each(|of| step.matrix[(i, of)] = 0.0);
+            }
+        }
+        self.start.copy_from_slice(start);
+        self
     }
 
     /// Behind samples whose inputs are unknown the states are taken up anew.
@@ -139,8 +170,9 @@ impl LinearRecord {
         let n = self.start.len();
         let mut mean = DVector::zeros(n + 3);
         mean.rows_mut(0, n).copy_from_slice(&self.start);
-        let mut covariance = Self::spread(n, n + 2, self.free);
+        let mut covariance = Self::spread(n, n, self.start_free);
         covariance[(n, n)] = size;
+        covariance[(n + 1, n + 1)] = self.free;
         (mean, covariance)
     }
 

@@ -84,6 +84,20 @@ fn the_bands_hold_the_heat_that_was_hidden_and_events_are_where_it_flows() {
     }
 }
 
+#[test]
+fn a_steady_heat_is_told_where_the_thermostat_is_far_off_its_set_point() {
+    // Linear in the temperature, the thermostats of these rooms would close to less than nothing.
+    for seed in [211_000_032, 211_000_043, 211_000_186] {
+        let (made, problem, theta) = known_room(seed, "constant_gain", 21);
+        let found = missing_heat(&problem, &theta, None, &|_| true).unwrap();
+        let truth = by_hour(&problem, &made.hidden_heat);
+        let rates: Vec<f64> = found.hours.iter().filter_map(|hour| hour.rate).collect();
+        let mean = |series: &[f64]| series.iter().sum::<f64>() / series.len() as f64;
+        let error = mean(&rates) - mean(&truth);
+        assert!(error.abs() < 0.03, "{seed}: {error} of {}", mean(&truth));
+    }
+}
+
 /// Everything that is sought as one Gaussian vector, conditioned on all readings at once.
 #[test]
 fn the_smoother_is_conditioning_on_all_values_at_once() {
@@ -92,7 +106,7 @@ fn the_smoother_is_conditioning_on_all_values_at_once() {
     let run = problem.simulate(&theta);
     let along: Vec<Vec<f64>> =
         (0..problem.grid().len()).map(|k| run.states.iter().map(|series| series[k]).collect()).collect();
-    let mut record = LinearRecord::new(&asked, &along).unwrap();
+    let mut record = LinearRecord::new(&asked, &along, &[]).unwrap();
     record.steps.truncate(11);
     record.readings.truncate(12);
     let guess = Guess { sensor: 0.08, size: 0.7, memory: 2.0 };

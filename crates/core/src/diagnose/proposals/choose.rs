@@ -6,7 +6,8 @@ use super::search::{SearchScores, TermScore, TermSearch, range};
 use super::settled::{SettledBeside, Trial, TriedFlows};
 use super::term::{Factor, Memory, Schedule, ScheduleDays, Term, TermSubject};
 use crate::diagnose::score_test::{Look, SegmentScore};
-use crate::estimate::segments::{dot, likeness};
+use crate::estimate::segments::likeness;
+use crate::gram::dot;
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 

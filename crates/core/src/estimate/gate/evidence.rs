@@ -12,6 +12,7 @@ use super::regression::{Followed, PairedComparison, Regression};
 use crate::estimate::assess::metrics::{FilterRun, measurement_variance};
 use crate::estimate::problem::Problem;
 use crate::estimate::segments::{Explained, Segments};
+use crate::simulate::Simulator;
 use rayon::prelude::*;
 
 /// A t from which on something is believed.
@@ -257,14 +258,11 @@ impl<'a> Look<'a> {
     }
 
     /// How much of what the fit lets an input's changes do is there, beside the same model in which the input
-    /// stands still.
-    fn claimed(&self, input: usize) -> Option<Explained> {
-        let (inputs, simulator) = (self.problem.inputs(), self.problem.simulator());
-        let still =
-            simulator.with_inputs(&inputs.with_values(input, vec![inputs.mean(input); inputs.samples()]));
-        let linear = self.segments.linearise(self.problem, &still, self.theta, &self.starts)?;
-        let without = self.segments.outputs(self.problem, &still, &[self.theta], &self.starts).remove(0);
-        let moves = self.outputs.iter().zip(without).map(|(with, without)| with - without).collect();
+    /// stands `still`.
+    fn claimed(&self, still: &Simulator) -> Option<Explained> {
+        let linear = self.segments.linearise(self.problem, still, self.theta, &self.starts)?;
+        let moves =
+            self.outputs.iter().zip(&linear.simulated).map(|(with, without)| with - without).collect();
         let direction = linear.without_parameters(&self.segments.without_starts(&linear, moves));
         self.segments.explained(&linear.without_parameters(&linear.residual), &direction)
     }
@@ -298,7 +296,9 @@ fn hear(
     if !super::regression::drives(problem, input) {
         return None;
     }
-    let claims = looks.iter().filter_map(|look| Some((look.claimed(input)?, look.hours)));
+    let (inputs, simulator) = (problem.inputs(), problem.simulator());
+    let still = simulator.with_inputs(&inputs.with_values(input, vec![inputs.mean(input); inputs.samples()]));
+    let claims = looks.iter().filter_map(|look| Some((look.claimed(&still)?, look.hours)));
     let claimed = claims.max_by(|(one, _), (other, _)| one.t.total_cmp(&other.t));
     let beside = regression.and_then(|regression| regression.beside(input));
     let role = Role::of(&channel);

@@ -16,6 +16,7 @@ use crate::estimate::{Control, Fit};
 use crate::model::Catalogue;
 use crate::optimise::Method;
 use crate::optimise::multistart::LmOptions;
+use crate::simulate::segment::Stretch;
 use crate::twin;
 use std::sync::LazyLock;
 
@@ -71,12 +72,12 @@ fn a_segment_from_the_states_of_the_free_run_is_the_free_run() {
     let theta = fit.theta();
     let run = problem.simulate(&theta);
     let start: Vec<f64> = run.states.iter().map(|series| series[100]).collect();
-    let stretch = problem.simulator().run_from(100..190, &[&theta], &[&start]);
+    let from = |start| Stretch { samples: 100..190, theta: &theta, start };
+    let stretch = problem.simulator().run_stretches(&[from(&start)]);
     assert_eq!(stretch[0][0], run.outputs[0][100..190], "bit for bit");
     // In a block of lanes each pair is what it is alone.
     let other: Vec<f64> = start.iter().map(|value| value + 1.0).collect();
-    let several =
-        problem.simulator().run_from(100..190, &[&theta, &theta, &theta], &[&other, &start, &other]);
+    let several = problem.simulator().run_stretches(&[from(&other), from(&start), from(&other)]);
     assert_eq!((&several[1], several[0] == several[2]), (&stretch[0], true));
 }
 

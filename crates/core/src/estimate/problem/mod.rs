@@ -326,13 +326,14 @@ impl Problem {
     ) -> Vec<Evaluation> {
         let thetas: Vec<Vec<f64>> = candidates.iter().map(|candidate| self.theta(candidate)).collect();
         let slices: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
+        let used = self.used();
         self.simulator
             .run_unless(&slices, self.split.train.end, halt)
             .iter()
             .zip(&thetas)
             .map(|(trajectory, theta)| {
                 let residuals =
-                    if trajectory.diverged { Vec::new() } else { self.residuals(trajectory, theta) };
+                    if trajectory.diverged { Vec::new() } else { self.residuals(trajectory, theta, &used) };
                 let cost =
                     if residuals.is_empty() { Cost::Diverged } else { Cost::new(mean_square(&residuals)) };
                 Evaluation {
@@ -346,10 +347,9 @@ impl Problem {
 
     /// Residuals whose mean square is the objective. The mean square errors of several outputs are each
     /// weighed by their noise, except where the objective normalises them.
-    fn residuals(&self, trajectory: &Trajectory, theta: &[f64]) -> Vec<f64> {
-        let used = self.used();
+    fn residuals(&self, trajectory: &Trajectory, theta: &[f64], used: &[Vec<usize>]) -> Vec<f64> {
         let mut residuals = Vec::with_capacity(used.iter().map(Vec::len).sum());
-        for (output, (weight, used)) in self.weigh(trajectory, &used).into_iter().zip(&used).enumerate() {
+        for (output, (weight, used)) in self.weigh(trajectory, used).into_iter().zip(used).enumerate() {
             let (simulated, (values, _)) = (&trajectory.outputs[output], &self.measured[output]);
             residuals.extend(used.iter().map(|k| (simulated[*k] - values[*k]) * weight));
         }

@@ -16,6 +16,7 @@ pub mod shooting;
 use super::problem::Problem;
 use super::problem::predictor::Predictor;
 use crate::data::DAY;
+use crate::gram::{dot, gram};
 use crate::model::Initial;
 use crate::simulate::Simulator;
 use crate::simulate::segment::Stretch;
@@ -126,7 +127,7 @@ impl Segments {
             problem.model().states().iter().position(|state| state.initial == Initial::Measured(0));
         let n = self.rows.len();
         let measured = problem.measured();
-        let mut residual = vec![0.0; n];
+        let (mut simulated, mut residual) = (vec![0.0; n], vec![0.0; n]);
         let mut columns = vec![vec![0.0; n]; steps.len()];
         let (mut bases, mut pulses, mut nearer) =
             (Vec::with_capacity(self.pieces.len()), Vec::new(), Vec::new());
@@ -138,12 +139,11 @@ impl Segments {
                     bumped
                 })
                 .collect();
-            let mut thetas: Vec<&[f64]> = vec![theta; 1 + states];
-            thetas.extend(moved.iter().map(Vec::as_slice));
-            let mut from: Vec<&[f64]> = vec![start];
-            from.extend(bumped.iter().map(Vec::as_slice));
-            from.extend(moved.iter().map(|_| start.as_slice()));
-            let runs = simulator.run_from(piece.clone(), &thetas, &from);
+            let run = |theta, start| Stretch { samples: piece.clone(), theta, start };
+            let mut stretches = vec![run(theta, start.as_slice())];
+            stretches.extend(bumped.iter().map(|bumped| run(theta, bumped)));
+            stretches.extend(moved.iter().map(|moved| run(moved, start)));
+            let runs = simulator.run_stretches(&stretches);
             let at = |run: usize, row: usize| {
                 let (output, k, _) = self.rows[row];
                 runs[run][output][k - piece.start] / problem.scale(output)
@@ -153,7 +153,8 @@ impl Segments {
             });
             for row in rows.clone() {
                 let (output, k, _) = self.rows[row];
-                residual[row] = measured[output].0[k] / problem.scale(output) - at(0, row);
+                simulated[row] = at(0, row);
+                residual[row] = measured[output].0[k] / problem.scale(output) - simulated[row];
                 for (column, step) in steps.iter().enumerate() {
                     columns[column][row] = (at(1 + states + column, row) - at(0, row)) / step;
                 }
@@ -174,6 +175,7 @@ impl Segments {
         }
         let mut linear = Linear {
             bases,
+            simulated,
             residual: Vec::new(),
             columns: Vec::new(),
             along,
@@ -293,6 +295,8 @@ impl Segments {
 pub struct Linear {
     /// An orthonormal basis of what each segment's start can explain.
     bases: Vec<DMatrix<f64>>,
+    /// What the model simulates along the segments from their starts, as [`Segments::outputs`] gives it.
+    pub simulated: Vec<f64>,
     /// Measured less simulated.
     pub residual: Vec<f64>,
     /// The model's own Jacobian, a column for each free parameter, in the unit cube of the search.
@@ -329,13 +333,16 @@ impl Linear {
         if n == 0 {
             return None;
         }
-        let mut normal =
-            DMatrix::from_fn(n, n, |i, j| if j <= i { dot(&self.columns[i], &self.columns[j]) } else { 0.0 });
-        normal.fill_upper_triangle_with_lower_triangle();
+        let mut normal = DMatrix::from_vec(n, n, gram(&slices(&self.columns)));
         let variance = dot(&self.residual, &self.residual) / self.residual.len().max(1) as f64;
         (0..n).for_each(|i| normal[(i, i)] += (variance / REACH.powi(2)).max(1e-12));
         normal.cholesky()
     }
+}
+
+/// The columns of a matrix as slices.
+pub fn slices(columns: &[Vec<f64>]) -> Vec<&[f64]> {
+    columns.iter().map(Vec::as_slice).collect()
 }
 
 /// What a direction explains of a residual: both without starts and parameters.
@@ -433,9 +440,4 @@ fn basis(columns: DMatrix<f64>) -> Option<DMatrix<f64>> {
 pub fn likeness(a: &[f64], b: &[f64]) -> f64 {
     let norm = |direction: &[f64]| dot(direction, direction).sqrt().max(f64::MIN_POSITIVE);
     dot(a, b) / norm(a) / norm(b)
-}
-
-/// The inner product of two series.
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

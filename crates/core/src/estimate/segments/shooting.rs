@@ -5,7 +5,8 @@
 //! ends up.
 
 use crate::estimate::problem::Problem;
-use crate::estimate::segments::{Linear, REACH, Segments, dot};
+use crate::estimate::segments::{Linear, REACH, Segments, slices};
+use crate::gram::{dot, gram};
 use nalgebra::{DMatrix, DVector};
 
 /// Most steps, and the share of the cost below which one gains too little for another.
@@ -54,7 +55,7 @@ pub fn settle(
         let pull = dot(residual, residual) / residual.len().max(1) as f64 / REACH.powi(2);
         let strayed = |at: &[f64]| place.iter().map(|i| (at[*i] - anchor.0[*i]).powi(2)).sum::<f64>();
         let cost = |linear: &Linear, at: &[f64]| dot(&linear.residual, &linear.residual) + pull * strayed(at);
-        let normal = DMatrix::from_fn(place.len(), place.len(), |i, j| dot(&columns[i], &columns[j]));
+        let normal = DMatrix::from_vec(place.len(), place.len(), gram(&slices(columns)[..place.len()]));
         let right = DVector::from_fn(place.len(), |i, _| {
             dot(&columns[i], residual) + pull * (anchor.0[place[i]] - cube.0[place[i]])
         });
