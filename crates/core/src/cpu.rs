@@ -1,4 +1,5 @@
-//! Instruction sets: work with wide vectors is compiled for several, and runs on the best one of this machine.
+//! Instruction sets: work with wide vectors is compiled for several, and runs on the best one of this
+//! machine.
 
 /// An instruction set that this machine has. It exists only through [`Cpu::detect`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -14,7 +14,8 @@
 //! | [`diagnose`] | a problem and its fit | a [`diagnose::Diagnosis`]: what the model is missing |
 //! | [`twin`] | a seed | a synthetic room with a known truth |
 //!
-//! [`cpu`], [`gram`], [`units`], [`fault`], [`schema`], [`interrupt`] and [`pace`] are leaves that every stage may use.
+//! [`cpu`], [`gram`], [`units`], [`fault`], [`schema`], [`interrupt`] and [`pace`] are leaves that every
+//! stage may use.
 //!
 //! # The invariants
 //! 1. A [`data::Window`] exists only through parsing, a [`model::Model`] only through compiling.

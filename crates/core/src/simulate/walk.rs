@@ -57,8 +57,8 @@ pub(super) struct Walk<'a, const W: usize> {
     /// The last sub-step with its Jacobian, kept while that stays the same.
     jacobian: Vec<Lane<W>>,
     step: Transition<Lane<W>>,
-    /// Where all states of a lane have one variance of noise, that, and the step of a variance of 1 that lanes
-    /// with one Jacobian have in common.
+    /// Where all states of a lane have one variance of noise, that, and the step of a variance of 1 that
+    /// lanes with one Jacobian have in common.
     even: Option<Lane<W>>,
     common: Transition<f64>,
     scratch: Vec<Lane<W>>,

@@ -9,8 +9,8 @@
 //! The linear steps along the record get one state more, an Ornstein-Uhlenbeck process that is added to the
 //! rate of the state which the output shows. Its size and memory and the noise of the sensors are those under
 //! which the record is likeliest; a fixed-interval smoother then gives it for every hour with its deviation.
-//! The states are linearised anew where the smoother has led, with what is missing there, until they stay; what
-//! the hidden ones take of the one that is shown they take of it where it was seen.
+//! The states are linearised anew where the smoother has led, with what is missing there, until they stay;
+//! what the hidden ones take of the one that is shown they take of it where it was seen.
 //!
 //! All of it is what *this* model with *these* parameters lacks. What a fit has taken up of an effect into
 //! its own parameters flows there and is not missing: a steady loss vanishes in a conductance, and of heat
