@@ -74,9 +74,7 @@ impl<const W: usize> Transition<Lane<W>> {
             }
         }
     }
-}
 
-impl<const W: usize> Transition<Lane<W>> {
     /// Becomes the step of lanes that have one Jacobian, that of the first, and each one `variance` for all
     /// of its states: `common` is that of a variance of 1.
     #[inline(always)]
