@@ -18,8 +18,8 @@ enum Set {
 }
 
 impl Cpu {
-    /// The best instruction set of this machine for so many lanes. One lane fills no vector, and gathering it
-    /// from registers that are far apart takes longer than what is gained.
+    /// The best instruction set of this machine for matrices of so many lanes. One lane fills no vector, and
+    /// gathering entries that lie far apart takes longer than what is gained.
     pub fn for_lanes(lanes: usize) -> Self {
         if lanes == 1 { Cpu(Set::Baseline) } else { Self::detect() }
     }

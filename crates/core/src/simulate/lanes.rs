@@ -31,7 +31,7 @@ impl<'t, const W: usize> LaneFile<'t, W> {
         }
         let flat = |code: &[Instruction]| code.iter().copied().map(Opcode::from).collect();
         let (candidate, step) = (flat(&tape.candidate), flat(&tape.step));
-        Self { tape, candidate, step, registers, cpu: Cpu::for_lanes(W) }
+        Self { tape, candidate, step, registers, cpu: Cpu::detect() }
     }
 
     /// Loads parameter vectors and the step length in hours, and computes what depends on them alone. A

@@ -7,7 +7,7 @@ use super::lanes::LaneFile;
 use super::stepper::{jacobian_tape, observation_tape};
 use super::trajectory::{MeasuredOutput, Simulator};
 use super::transition::{Transition, propagate};
-use crate::cpu::{Kernel, dispatch};
+use crate::cpu::{Cpu, Kernel, dispatch};
 use crate::interrupt::{Brake, Meter};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model};
@@ -204,7 +204,7 @@ impl<const W: usize> Walk<'_, W> {
             jacobian.iter_mut().enumerate().for_each(|(place, entry)| *entry = Lane(now(place)));
             (jacobian.as_slice(), hours, of.simulator.brake())
         });
-        dispatch(slopes.cpu(), Spread { anew, step, even: *even, common, q, p, scratch });
+        dispatch(Cpu::for_lanes(W), Spread { anew, step, even: *even, common, q, p, scratch });
     }
 
     /// Each output at sample `k` by the states as they are, and its variance by theirs.
@@ -239,9 +239,8 @@ impl<const W: usize> Walk<'_, W> {
         }
         let first = self.observe(output, k);
         let Self { x, p, r, scratch, outputs, .. } = self;
-        let cpu = outputs.cpu();
         let update = Update { x, p, scratch, outputs, first, value: values[k], sensor: r[output] };
-        Some(dispatch(cpu, update))
+        Some(dispatch(Cpu::for_lanes(W), update))
     }
 }
 
