@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use indexmap::IndexMap;
 
-use super::channel::{Hold, canonical_unit};
+use super::channel::{Hold, canonical_unit, is_compass};
 use crate::fault::{Fault, nearest};
 
 /// The values of one channel on a grid. Every value is finite; `valid` says which stand for a measurement.
@@ -98,6 +98,21 @@ impl Column {
             hold: self.hold,
             values: self.values[range.clone()].to_vec(),
             valid: self.valid[range].to_vec(),
+        }
+    }
+
+    /// Every n-th point. A zero-order value becomes the mean over what its point now stands for; directions
+    /// have no mean, and stay as they are.
+    fn every(&self, n: usize, is_compass: bool) -> Self {
+        let is_mean = self.hold == Hold::ZeroOrder && !is_compass;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let value = |values: &[f64]| if is_mean { mean(values) } else { values[0] };
+        let valid = |valid: &[bool]| if is_mean { valid.iter().all(|valid| *valid) } else { valid[0] };
+        Self {
+            unit: self.unit.clone(),
+            hold: self.hold,
+            values: self.values.chunks(n).map(value).collect(),
+            valid: self.valid.chunks(n).map(valid).collect(),
         }
     }
 }
@@ -223,6 +238,20 @@ impl Grid {
         }
     }
 
+    /// The grid of every n-th point: what holds from one to the next as the mean, and all else as it is at
+    /// its points.
+    #[must_use]
+    pub fn every(&self, n: usize) -> Grid {
+        let n = n.max(1);
+        let coarser = |(name, column): (&String, &Column)| (name.clone(), column.every(n, is_compass(name)));
+        Grid {
+            start: self.start,
+            step: self.step.saturating_mul(i64::try_from(n).unwrap_or(i64::MAX)),
+            len: self.len.div_ceil(n),
+            columns: self.columns.iter().map(coarser).collect(),
+        }
+    }
+
     /// At which indices every column is valid.
     pub fn all_valid(&self) -> Vec<bool> {
         (0..self.len).map(|index| self.columns.values().all(|column| column.valid[index])).collect()
@@ -279,6 +308,29 @@ mod tests {
         assert_eq!(part.column("T_room").unwrap().values(), [2.0, 2.0]);
         assert_eq!(part.valid_share(), 0.5);
         assert!(grid().slice(3..99).len() == 1 && grid().slice(7..9).is_empty());
+    }
+
+    #[test]
+    fn every_other_point_holds_what_was_between() {
+        let power = Column::new("kW", Hold::ZeroOrder, vec![1.0, 2.0, 3.0, 5.0, 7.0], vec![true; 5]).unwrap();
+        let room = Column::new("degC", Hold::Linear, vec![1.0, 2.0, 3.0, 4.0, 5.0], vec![true; 5]).unwrap();
+        let wind =
+            Column::new("deg", Hold::ZeroOrder, vec![359.0, 1.0, 2.0, 4.0, 5.0], vec![true; 5]).unwrap();
+        let mut grid = Grid::new(1_000, 600, 5).unwrap();
+        for (name, column) in [("P_heat", power), ("T_room", room), ("wind_direction", wind)] {
+            grid = grid.with_column(name, column).unwrap();
+        }
+        let coarse = grid.every(2);
+        let values = |name: &str| coarse.column(name).unwrap().values().to_vec();
+        assert_eq!((coarse.start(), coarse.step(), coarse.len()), (1_000, 1_200, 3));
+        assert_eq!(values("P_heat"), [1.5, 4.0, 7.0]);
+        assert_eq!(values("T_room"), [1.0, 3.0, 5.0]);
+        assert_eq!(values("wind_direction"), [359.0, 2.0, 5.0]);
+        // A mean of which a part is missing is none.
+        assert_eq!(self::grid().every(3).column("T_room").unwrap().valid(), [true, true]);
+        let holed = Column::new("kW", Hold::ZeroOrder, vec![1.0; 5], vec![true, false, true, true, true]);
+        let holed = Grid::new(0, 600, 5).unwrap().with_column("P_heat", holed.unwrap()).unwrap().every(2);
+        assert_eq!(holed.column("P_heat").unwrap().valid(), [false, true, true]);
     }
 
     #[test]

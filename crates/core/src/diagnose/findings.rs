@@ -147,6 +147,7 @@ pub fn preview(
     site: &Site,
 ) -> Result<Vec<EffectPreview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
+    let problem = &problem.in_long_steps(theta, UNNOTICED);
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (mut library, _) = source.candidates(problem);

@@ -1,6 +1,6 @@
 //! The loop around an optimiser: ask, simulate, tell, until something says stop; then the fit's report.
 
-use super::fit::{Fit, Searched};
+use super::fit::{Fit, Searched, Stop};
 use super::likelihood;
 use super::problem::Problem;
 use super::report::report;
@@ -12,7 +12,7 @@ use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::prior::Prior;
 use crate::estimate::problem::request::{EstimateRequest, SearchExtent, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
-use crate::estimate::search::drive::{POLISH_EVALUATIONS, SearchResult, drive, evaluate, polish};
+use crate::estimate::search::drive::{POLISH_EVALUATIONS, SearchResult, descend, drive, evaluate, polish};
 use crate::estimate::search::near::{Unconvincing, as_promised, near};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
@@ -26,6 +26,9 @@ const FIXED_MAY_BE_WORSE: f64 = 1.02;
 const FREED: f64 = 0.98;
 /// Iterations from what loose steps have found to the optimum of exact ones.
 const EXACT_ITERATIONS: usize = 3;
+/// What a search has found on a coarser grid may cost this much more on the problem's own, which has other
+/// noise as well.
+const AS_COARSE: f64 = 1.5;
 /// How often the starts of the measured states are looked for.
 const MOST_STARTS: usize = 5;
 /// A start that is farther from its estimate, in deviations of that, is hardly where it was taken to be.
@@ -165,27 +168,38 @@ fn sought<E: From<EstimateError>>(
     })
 }
 
-/// What was found with loose steps, polished with exact ones; as it was found, with the cost of exact steps,
-/// where there is no time for that, and as it is where its steps were no loose ones.
+/// What was found with loose steps, polished with exact ones, and as it is where its steps were no loose ones
+/// or exact ones lead nowhere.
 fn exactly(
     loose: Problem,
-    found: SearchResult,
+    mut found: SearchResult,
     control: &Control,
 ) -> Result<(Problem, SearchResult), EstimateError> {
     let problem = loose.with_loose_steps(false);
-    if !loose.simulator().has_loose_steps() {
-        return Ok((problem, found));
-    }
+    let is_exact = !loose.simulator().has_loose_steps() || polished_on(&problem, &mut found, control)?;
+    Ok((if is_exact { problem } else { loose }, found))
+}
+
+/// Polishes on a problem what was found on a rougher one; as it was found, with the cost it has on this one,
+/// where there is no time for that. Says whether it has a cost there.
+fn polished_on(
+    problem: &Problem,
+    found: &mut SearchResult,
+    control: &Control,
+) -> Result<bool, EstimateError> {
     let evaluations = EXACT_ITERATIONS * (problem.space().len() + LocalOptions::default().trials) + 1;
-    if let Some(polished) = polish(&problem, &found.theta, evaluations, control)? {
-        let SearchResult { theta, place, cost, evaluations, .. } = polished;
-        let evaluations = found.evaluations + evaluations;
-        return Ok((problem, SearchResult { theta, place, cost, evaluations, ..found }));
+    if let Some(polished) = polish(problem, &found.theta, evaluations, control)? {
+        (found.theta, found.place, found.cost) = (polished.theta, polished.place, polished.cost);
+        found.evaluations += polished.evaluations;
+        return Ok(true);
     }
     let answer = problem.evaluate(&[problem.candidate(&found.theta)], false);
     Ok(match answer.first().map(|evaluation| evaluation.cost) {
-        Some(Cost::Finite(cost)) => (problem, SearchResult { cost, ..found }),
-        _ => (loose, found),
+        Some(Cost::Finite(cost)) => {
+            found.cost = cost;
+            true
+        }
+        _ => false,
     })
 }
 
@@ -204,28 +218,42 @@ fn warm_starts(
     starts
 }
 
-/// Runs one optimiser to its end.
+/// Runs one optimiser to its end: on a coarser grid where what it finds is polished anyway and means the same
+/// on the problem's own.
 fn search(
     problem: &Problem,
     request: &EstimateRequest,
     warm: &[Candidate],
     control: &Control,
 ) -> Result<SearchResult, EstimateError> {
-    let search = Search {
-        dimensions: problem.space().len(),
-        seed: request.method.seed,
-        budget: request.budget.evaluations,
-        warm: warm.to_vec(),
-        residuals: true,
+    let on = |problem: &Problem| {
+        let search = Search {
+            dimensions: problem.space().len(),
+            seed: request.method.seed,
+            budget: request.budget.evaluations,
+            warm: warm.to_vec(),
+            residuals: true,
+        };
+        drive(
+            problem,
+            &|ask, halt| evaluate(problem, ask, halt),
+            &request.method.method,
+            search,
+            request.early_stopping,
+            control,
+        )
     };
-    drive(
-        problem,
-        &|ask, halt| evaluate(problem, ask, halt),
-        &request.method.method,
-        search,
-        request.early_stopping,
-        control,
-    )
+    let watched = request.early_stopping.is_some_and(|rule| rule.validation);
+    let coarser = (request.method.method.descends() && !watched).then(|| problem.coarser()).flatten();
+    let Some(coarser) = coarser else { return on(problem) };
+    let mut found = on(&coarser)?;
+    let promised = found.cost;
+    let is_finite = polished_on(problem, &mut found, control)?;
+    if is_finite && (found.cost <= AS_COARSE * promised || found.stop == Stop::Deadline) {
+        return Ok(found);
+    }
+    let again = on(problem)?;
+    Ok(SearchResult { evaluations: found.evaluations + again.evaluations, ..again })
 }
 
 /// Draws what was found without a prior to what is known beforehand, from there and from the middle of what
@@ -253,7 +281,7 @@ fn drawn(
     let mut evaluations = free.evaluations + simulations(problem) + 1;
     let mut best = SearchResult { cost, ..free };
     for start in [best.theta.clone(), known] {
-        let Some(found) = polish(&drawn, &start, POLISH_EVALUATIONS, control)? else { continue };
+        let Some(found) = descend(&drawn, &start, control)? else { continue };
         evaluations += found.evaluations;
         if found.cost < best.cost {
             best = SearchResult { theta: found.theta, place: found.place, cost: found.cost, ..best };
@@ -354,7 +382,7 @@ fn fix_unidentifiable(
         |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
     // A refit that goes nowhere only means that the parameters matter.
     let loose = fixed.with_loose_steps(true);
-    let refit = polish(&loose, &start, POLISH_EVALUATIONS, control)?;
+    let refit = descend(&loose, &start, control)?;
     let spent = refit.as_ref().map_or(0, |refit| refit.evaluations);
     if let Some(refit) = refit
         && let (Some(with), Some(without)) =

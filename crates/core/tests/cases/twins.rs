@@ -37,6 +37,37 @@ fn a_well_specified_room_is_fitted_to_its_noise_and_accepted() {
 }
 
 #[test]
+fn what_is_sought_at_half_hours_is_an_optimum_at_ten_minutes() {
+    let asked = request("P10D", "P4D", "P0D", 27);
+    let of = |seed: u64, minutes: usize| {
+        let twin = twin::room(seed, 2, 14, minutes).unwrap();
+        let sets = [("neighbours".to_owned(), twin.neighbours.clone())].into();
+        let problem = problem(&twin.csv, "room3", &[], &Site { sets, ..Site::default() }, &asked);
+        (twin.theta, problem)
+    };
+    for seed in [441, 442] {
+        let (truth, problem) = of(seed, 10);
+        let coarser = problem.coarser().unwrap();
+        let (fine, coarse) = (problem.simulate(&truth), coarser.simulate(&truth));
+        let apart =
+            coarse.outputs[0].iter().zip(fine.outputs[0].iter().step_by(3)).map(|(a, b)| (a - b).abs());
+        let apart = apart.fold(0.0, f64::max);
+        let found = fit(&problem, &asked);
+        let cost = |problem: &Problem| problem.evaluate(&[problem.candidate(&truth)], false)[0].cost.value();
+        println!("twin {seed}: {apart:.4} K apart, {:.6} K2 beside {:.6}", found.cost, cost(&problem));
+        assert_eq!(
+            (coarser.grid().len(), coarser.grid().step_hours()),
+            (problem.grid().len().div_ceil(3), 0.5)
+        );
+        assert!(apart < 0.1 && found.cost <= cost(&problem), "{apart} {}", found.cost);
+        assert!((cost(&coarser) / cost(&problem) - 1.0).abs() < 0.2, "{}", cost(&coarser));
+        assert!(coarser.coarser().is_none() && problem.with_substeps(2).coarser().is_none());
+    }
+    // Points half an hour apart are left as they are.
+    assert!(of(443, 30).1.coarser().is_none());
+}
+
+#[test]
 fn a_fit_is_bit_identical_on_one_and_two_threads() {
     let asked = request("P7D", "P2D", "P0D", 22);
     let (_, problem) = room(411, 9, &asked);

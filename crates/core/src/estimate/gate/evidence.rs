@@ -12,7 +12,6 @@ use super::regression::{Followed, PairedComparison, Regression};
 use crate::estimate::assess::metrics::{FilterRun, measurement_variance};
 use crate::estimate::problem::Problem;
 use crate::estimate::segments::{Explained, Segments};
-use crate::simulate::Simulator;
 use rayon::prelude::*;
 
 /// A t from which on something is believed.
@@ -112,11 +111,16 @@ impl Evidence {
     /// Hears all inputs of a fit whose filter has run.
     pub fn of(problem: &Problem, theta: &[f64], run: &FilterRun) -> Self {
         let regression = Regression::new(problem);
-        let longest = 0.25 * problem.grid().len() as f64 * problem.grid().step_hours();
+        // What takes hours is seen at every half hour as well.
+        let coarser = problem.coarser();
+        let along = coarser.as_ref().unwrap_or(problem);
+        let longest = 0.25 * along.grid().len() as f64 * along.grid().step_hours();
         let lengths: Vec<f64> =
             LENGTHS.iter().copied().filter(|hours| *hours <= longest.max(LENGTHS[0])).collect();
+        let points = (along.grid().step() / problem.grid().step()) as usize;
+        let states: Vec<&[f64]> = run.filtered.states.iter().step_by(points).map(Vec::as_slice).collect();
         let looks: Vec<Look> =
-            lengths.iter().filter_map(|hours| Look::new(problem, theta, run, *hours)).collect();
+            lengths.iter().filter_map(|hours| Look::new(along, theta, &states, *hours)).collect();
         let inputs = (0..problem.model().inputs().len())
             .into_par_iter()
             .filter_map(|input| hear(problem, &looks, regression.as_ref(), input));
@@ -230,13 +234,13 @@ struct Look<'a> {
 }
 
 impl<'a> Look<'a> {
-    fn new(problem: &'a Problem, theta: &'a [f64], run: &FilterRun, hours: f64) -> Option<Self> {
+    /// Over segments of so many hours, each of which starts from the state that a filter has at its sample.
+    fn new(problem: &'a Problem, theta: &'a [f64], states: &[&[f64]], hours: f64) -> Option<Self> {
         let segments = Segments::new(problem, 0..problem.grid().len(), hours)?;
         if segments.is_empty() {
             return None;
         }
-        let starts: Vec<Vec<f64>> =
-            segments.first_samples().map(|k| run.filtered.states[k].clone()).collect();
+        let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| states[k].to_vec()).collect();
         let outputs = segments.outputs(problem, problem.simulator(), &[theta], &starts).remove(0);
         Some(Self { hours, problem, theta, segments, starts, outputs })
     }
@@ -258,8 +262,11 @@ impl<'a> Look<'a> {
     }
 
     /// How much of what the fit lets an input's changes do is there, beside the same model in which the input
-    /// stands `still`.
-    fn claimed(&self, still: &Simulator) -> Option<Explained> {
+    /// stands still.
+    fn claimed(&self, input: usize) -> Option<Explained> {
+        let inputs = self.problem.inputs();
+        let mean = vec![inputs.mean(input); inputs.samples()];
+        let still = &self.problem.simulator().with_inputs(&inputs.with_values(input, mean));
         let linear = self.segments.linearise(self.problem, still, self.theta, &self.starts)?;
         let moves =
             self.outputs.iter().zip(&linear.simulated).map(|(with, without)| with - without).collect();
@@ -296,9 +303,7 @@ fn hear(
     if !super::regression::drives(problem, input) {
         return None;
     }
-    let (inputs, simulator) = (problem.inputs(), problem.simulator());
-    let still = simulator.with_inputs(&inputs.with_values(input, vec![inputs.mean(input); inputs.samples()]));
-    let claims = looks.iter().filter_map(|look| Some((look.claimed(&still)?, look.hours)));
+    let claims = looks.iter().filter_map(|look| Some((look.claimed(input)?, look.hours)));
     let claimed = claims.max_by(|(one, _), (other, _)| one.t.total_cmp(&other.t));
     let beside = regression.and_then(|regression| regression.beside(input));
     let role = Role::of(&channel);

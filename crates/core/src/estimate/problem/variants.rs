@@ -8,9 +8,16 @@ use crate::fault::Fault;
 use crate::interrupt::Brake;
 use crate::model::{Model, Stepper};
 use crate::optimise::Space;
-use crate::simulate::{Inputs, Simulator, Trajectory};
+use crate::simulate::{Inputs, Simulator, Trajectory, substeps};
 use indexmap::IndexMap;
 use std::ops::Range;
+
+/// The distance of the points of a coarser grid: rooms answer over hours.
+const COARSE_HOURS: f64 = 0.5;
+/// How many measurements of each output a coarser grid leaves for every free parameter.
+const LEAST_FOR_EACH: usize = 10;
+/// The share of what was measured and predicted that it still stands for.
+const COARSE_SHARE: f64 = 0.8;
 
 impl Problem {
     /// The same problem under a brake. Whatever is computed on it, or on what is derived from it, unwinds to
@@ -51,6 +58,39 @@ impl Problem {
             true => loose,
             false => self.clone(),
         }
+    }
+
+    /// The same problem on every n-th point of its grid, in one step from each to the next; of points that lie
+    /// closer than half an hour that is one every half hour. `None` where points lie as far apart already,
+    /// where too few measurements are left, and where steps were found to be too long or find themselves.
+    #[must_use]
+    pub fn coarser(&self) -> Option<Self> {
+        let n = (COARSE_HOURS / self.grid.step_hours() + 1e-9) as usize;
+        let stepper = self.model.stepper();
+        let is_refined = self.simulator.substeps() > substeps(stepper, self.inputs.hours());
+        if n < 2 || is_refined || stepper == Stepper::Rkc {
+            return None;
+        }
+        let grid = self.grid.every(n);
+        let part = |range: &Range<usize>| range.start.div_ceil(n)..range.end.div_ceil(n);
+        let train = part(&self.split.train);
+        let split = Split { train, validation: part(&self.split.validation), test: part(&self.split.test) };
+        let known: Vec<bool> = self.known().chunks(n).map(|known| known.iter().all(|known| *known)).collect();
+        let inputs = Inputs::new(&self.model, &grid).ok()?.masked(&known).averaged_over(split.train.clone());
+        let every = |(values, valid): &(Vec<f64>, Vec<bool>)| {
+            (values.iter().step_by(n).copied().collect(), valid.iter().step_by(n).copied().collect())
+        };
+        let measured: Vec<(Vec<f64>, Vec<bool>)> = self.measured.iter().map(every).collect();
+        // A term of the prior weighs as much beside fewer measurements.
+        let prior_variance = self.prior_variance.map(|variance| variance / n as f64);
+        let coarse = Self { grid, split, inputs, measured, prior_variance, ..self.clone() };
+        let simulator = coarse.simulator_over(&coarse.inputs, 1);
+        let coarse = Self { simulator, ..coarse };
+        let counts = |problem: &Self| -> Vec<usize> { problem.used().iter().map(Vec::len).collect() };
+        let enough = |(fine, coarse): (usize, usize)| {
+            coarse >= LEAST_FOR_EACH * self.free.len() && COARSE_SHARE * fine as f64 <= (n * coarse) as f64
+        };
+        counts(self).into_iter().zip(counts(&coarse)).all(enough).then_some(coarse)
     }
 
     /// The largest difference between two runs, in the unit of the output; of several outputs in the noise of

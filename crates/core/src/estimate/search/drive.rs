@@ -164,6 +164,23 @@ pub(in crate::estimate) fn polish(
     }
 }
 
+/// Least squares from a point that may lie far from the optimum: on a coarser grid first, where the problem
+/// has one.
+pub(in crate::estimate) fn descend(
+    problem: &Problem,
+    theta: &[f64],
+    control: &Control,
+) -> Result<Option<SearchResult>, EstimateError> {
+    let Some(coarser) = problem.coarser() else {
+        return polish(problem, theta, POLISH_EVALUATIONS, control);
+    };
+    let roughly = polish(&coarser, theta, POLISH_EVALUATIONS, control)?;
+    let (start, spent) =
+        roughly.map_or_else(|| (theta.to_vec(), 0), |roughly| (roughly.theta, roughly.evaluations));
+    let found = polish(problem, &start, POLISH_EVALUATIONS, control)?;
+    Ok(found.map(|found| SearchResult { evaluations: found.evaluations + spent, ..found }))
+}
+
 fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
     let range = problem.split().validation.clone();
     if range.is_empty() {
