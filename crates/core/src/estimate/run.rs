@@ -12,7 +12,9 @@ use crate::estimate::problem::predictor::Predictor;
 use crate::estimate::problem::prior::Prior;
 use crate::estimate::problem::request::{EstimateRequest, SearchExtent, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
-use crate::estimate::search::drive::{POLISH_EVALUATIONS, SearchResult, descend, drive, evaluate, polish};
+use crate::estimate::search::drive::{
+    POLISH_EVALUATIONS, SearchResult, descend, drive, evaluate, polish, polish_further,
+};
 use crate::estimate::search::near::{Unconvincing, as_promised, near};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
@@ -24,7 +26,7 @@ const FIXED_MAY_BE_WORSE: f64 = 1.02;
 /// Parameters that were fixed because the data did not determine them are free again where so much of the
 /// squared error is left then.
 const FREED: f64 = 0.98;
-/// Iterations from what loose steps have found to the optimum of exact ones.
+/// Iterations from what loose steps or a coarser grid have found to the optimum of exact ones.
 const EXACT_ITERATIONS: usize = 3;
 /// What a search has found on a coarser grid may cost this much more on the problem's own, which has other
 /// noise as well.
@@ -168,6 +170,11 @@ fn sought<E: From<EstimateError>>(
     })
 }
 
+/// The evaluations of some iterations from what a rougher problem has found.
+fn few_iterations(problem: &Problem) -> usize {
+    EXACT_ITERATIONS * (problem.space().len() + LocalOptions::default().trials) + 1
+}
+
 /// What was found with loose steps, polished with exact ones, and as it is where its steps were no loose ones
 /// or exact ones lead nowhere.
 fn exactly(
@@ -176,31 +183,9 @@ fn exactly(
     control: &Control,
 ) -> Result<(Problem, SearchResult), EstimateError> {
     let problem = loose.with_loose_steps(false);
-    let is_exact = !loose.simulator().has_loose_steps() || polished_on(&problem, &mut found, control)?;
+    let is_exact = !loose.simulator().has_loose_steps()
+        || polish_further(&problem, &mut found, few_iterations(&problem), control)?;
     Ok((if is_exact { problem } else { loose }, found))
-}
-
-/// Polishes on a problem what was found on a rougher one; as it was found, with the cost it has on this one,
-/// where there is no time for that. Says whether it has a cost there.
-fn polished_on(
-    problem: &Problem,
-    found: &mut SearchResult,
-    control: &Control,
-) -> Result<bool, EstimateError> {
-    let evaluations = EXACT_ITERATIONS * (problem.space().len() + LocalOptions::default().trials) + 1;
-    if let Some(polished) = polish(problem, &found.theta, evaluations, control)? {
-        (found.theta, found.place, found.cost) = (polished.theta, polished.place, polished.cost);
-        found.evaluations += polished.evaluations;
-        return Ok(true);
-    }
-    let answer = problem.evaluate(&[problem.candidate(&found.theta)], false);
-    Ok(match answer.first().map(|evaluation| evaluation.cost) {
-        Some(Cost::Finite(cost)) => {
-            found.cost = cost;
-            true
-        }
-        _ => false,
-    })
 }
 
 /// The served parameters where they are wanted and known, and the nominal ones.
@@ -248,7 +233,7 @@ fn search(
     let Some(coarser) = coarser else { return on(problem) };
     let mut found = on(&coarser)?;
     let promised = found.cost;
-    let is_finite = polished_on(problem, &mut found, control)?;
+    let is_finite = polish_further(problem, &mut found, few_iterations(problem), control)?;
     if is_finite && (found.cost <= AS_COARSE * promised || found.stop == Stop::Deadline) {
         return Ok(found);
     }

@@ -171,14 +171,34 @@ pub(in crate::estimate) fn descend(
     theta: &[f64],
     control: &Control,
 ) -> Result<Option<SearchResult>, EstimateError> {
-    let Some(coarser) = problem.coarser() else {
-        return polish(problem, theta, POLISH_EVALUATIONS, control);
-    };
-    let roughly = polish(&coarser, theta, POLISH_EVALUATIONS, control)?;
-    let (start, spent) =
-        roughly.map_or_else(|| (theta.to_vec(), 0), |roughly| (roughly.theta, roughly.evaluations));
-    let found = polish(problem, &start, POLISH_EVALUATIONS, control)?;
-    Ok(found.map(|found| SearchResult { evaluations: found.evaluations + spent, ..found }))
+    if let Some(coarser) = problem.coarser()
+        && let Some(mut found) = polish(&coarser, theta, POLISH_EVALUATIONS, control)?
+        && polish_further(problem, &mut found, POLISH_EVALUATIONS, control)?
+    {
+        return Ok(Some(found));
+    }
+    polish(problem, theta, POLISH_EVALUATIONS, control)
+}
+
+/// Least squares on a problem, with so many evaluations, from what was found on a rougher one; as it was
+/// found, with the cost that it has here, where there is no time for that. Says whether it has a cost here.
+pub(in crate::estimate) fn polish_further(
+    problem: &Problem,
+    found: &mut SearchResult,
+    budget: usize,
+    control: &Control,
+) -> Result<bool, EstimateError> {
+    if let Some(polished) = polish(problem, &found.theta, budget, control)? {
+        (found.theta, found.place, found.cost) = (polished.theta, polished.place, polished.cost);
+        found.evaluations += polished.evaluations;
+        return Ok(true);
+    }
+    let answer = problem.evaluate(&[problem.candidate(&found.theta)], false);
+    let cost = answer.first().map_or(Cost::Diverged, |evaluation| evaluation.cost);
+    if let Cost::Finite(cost) = cost {
+        found.cost = cost;
+    }
+    Ok(cost != Cost::Diverged)
 }
 
 fn validation_rmse(problem: &Problem, theta: &[f64]) -> Option<f64> {
