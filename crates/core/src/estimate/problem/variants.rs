@@ -60,9 +60,9 @@ impl Problem {
         }
     }
 
-    /// The same problem on every n-th point of its grid, in one step from each to the next; of points that lie
-    /// closer than half an hour that is one every half hour. `None` where points lie as far apart already,
-    /// where too few measurements are left, and where steps were found to be too long or find themselves.
+    /// The same problem on every n-th point of its grid, in one step from each to the next; of points closer
+    /// than half an hour that is one every half hour. `None` where points lie as far apart already, where too
+    /// few measurements are left, and where steps were found to be too long or find themselves.
     #[must_use]
     pub fn coarser(&self) -> Option<Self> {
         let n = (COARSE_HOURS / self.grid.step_hours() + 1e-9) as usize;
