@@ -13,7 +13,7 @@ use crate::estimate::problem::prior::Prior;
 use crate::estimate::problem::request::{EstimateRequest, SearchExtent, StartFrom};
 use crate::estimate::search::control::{Control, EstimateError};
 use crate::estimate::search::drive::{
-    POLISH_EVALUATIONS, SearchResult, descend, drive, evaluate, polish, polish_further,
+    POLISH_EVALUATIONS, SearchResult, drive, evaluate, polish, polish_further,
 };
 use crate::estimate::search::near::{Unconvincing, as_promised, near};
 use crate::estimate::uncertainty::ridge::follow;
@@ -266,7 +266,7 @@ fn drawn(
     let mut evaluations = free.evaluations + simulations(problem) + 1;
     let mut best = SearchResult { cost, ..free };
     for start in [best.theta.clone(), known] {
-        let Some(found) = descend(&drawn, &start, control)? else { continue };
+        let Some(found) = polish(&drawn, &start, POLISH_EVALUATIONS, control)? else { continue };
         evaluations += found.evaluations;
         if found.cost < best.cost {
             best = SearchResult { theta: found.theta, place: found.place, cost: found.cost, ..best };
@@ -367,7 +367,7 @@ fn fix_unidentifiable(
         |problem: &Problem, theta: &[f64]| problem.free_run_error(&problem.simulate(theta), unseen.clone());
     // A refit that goes nowhere only means that the parameters matter.
     let loose = fixed.with_loose_steps(true);
-    let refit = descend(&loose, &start, control)?;
+    let refit = polish(&loose, &start, POLISH_EVALUATIONS, control)?;
     let spent = refit.as_ref().map_or(0, |refit| refit.evaluations);
     if let Some(refit) = refit
         && let (Some(with), Some(without)) =

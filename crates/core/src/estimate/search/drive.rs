@@ -164,22 +164,6 @@ pub(in crate::estimate) fn polish(
     }
 }
 
-/// Least squares from a point that may lie far from the optimum: on a coarser grid first, where the problem
-/// has one.
-pub(in crate::estimate) fn descend(
-    problem: &Problem,
-    theta: &[f64],
-    control: &Control,
-) -> Result<Option<SearchResult>, EstimateError> {
-    if let Some(coarser) = problem.coarser()
-        && let Some(mut found) = polish(&coarser, theta, POLISH_EVALUATIONS, control)?
-        && polish_further(problem, &mut found, POLISH_EVALUATIONS, control)?
-    {
-        return Ok(Some(found));
-    }
-    polish(problem, theta, POLISH_EVALUATIONS, control)
-}
-
 /// Least squares on a problem, with so many evaluations, from what was found on a rougher one; as it was
 /// found, with the cost that it has here, where there is no time for that. Says whether it has a cost here.
 pub(in crate::estimate) fn polish_further(

@@ -5,7 +5,7 @@
 //! one, and everywhere is searched.
 
 use super::control::{Control, EstimateError};
-use super::drive::{POLISH_EVALUATIONS, SearchResult, descend};
+use super::drive::{POLISH_EVALUATIONS, SearchResult, polish};
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::fit::{Searched, Stop};
 use crate::estimate::problem::Problem;
@@ -37,7 +37,7 @@ pub(in crate::estimate) fn near(
     incumbent: &Incumbent,
     control: &Control,
 ) -> Result<SearchResult, Unconvincing> {
-    let Some(found) = descend(problem, &incumbent.on(problem), control)? else {
+    let Some(found) = polish(problem, &incumbent.on(problem), POLISH_EVALUATIONS, control)? else {
         let why = "the served parameters lead nowhere on these days";
         return Err(Unconvincing::Because(why.to_owned(), POLISH_EVALUATIONS));
     };
