@@ -18,7 +18,6 @@ use crate::estimate::search::drive::{
 use crate::estimate::search::near::{Unconvincing, as_promised, near};
 use crate::estimate::uncertainty::ridge::follow;
 use crate::optimise::Method;
-use crate::optimise::local_options::LocalOptions;
 use crate::optimise::{Candidate, Cost, Search};
 
 /// A fit with a parameter fixed may be this much worse on the hold-out before the parameter counts.
@@ -26,8 +25,6 @@ const FIXED_MAY_BE_WORSE: f64 = 1.02;
 /// Parameters that were fixed because the data did not determine them are free again where so much of the
 /// squared error is left then.
 const FREED: f64 = 0.98;
-/// Iterations from what loose steps or a coarser grid have found to the optimum of exact ones.
-const EXACT_ITERATIONS: usize = 3;
 /// What a search has found on a coarser grid may cost this much more on the problem's own, which has other
 /// noise as well.
 const AS_COARSE: f64 = 1.5;
@@ -170,11 +167,6 @@ fn sought<E: From<EstimateError>>(
     })
 }
 
-/// The evaluations of some iterations from what a rougher problem has found.
-fn few_iterations(problem: &Problem) -> usize {
-    EXACT_ITERATIONS * (problem.space().len() + LocalOptions::default().trials) + 1
-}
-
 /// What was found with loose steps, polished with exact ones, and as it is where its steps were no loose ones
 /// or exact ones lead nowhere.
 fn exactly(
@@ -183,8 +175,7 @@ fn exactly(
     control: &Control,
 ) -> Result<(Problem, SearchResult), EstimateError> {
     let problem = loose.with_loose_steps(false);
-    let is_exact = !loose.simulator().has_loose_steps()
-        || polish_further(&problem, &mut found, few_iterations(&problem), control)?;
+    let is_exact = !loose.simulator().has_loose_steps() || polish_further(&problem, &mut found, control)?;
     Ok((if is_exact { problem } else { loose }, found))
 }
 
@@ -233,7 +224,7 @@ fn search(
     let Some(coarser) = coarser else { return on(problem) };
     let mut found = on(&coarser)?;
     let promised = found.cost;
-    let is_finite = polish_further(problem, &mut found, few_iterations(problem), control)?;
+    let is_finite = polish_further(problem, &mut found, control)?;
     if is_finite && (found.cost <= AS_COARSE * promised || found.stop == Stop::Deadline) {
         return Ok(found);
     }

@@ -12,6 +12,7 @@ use super::regression::{Followed, PairedComparison, Regression};
 use crate::estimate::assess::metrics::{FilterRun, measurement_variance};
 use crate::estimate::problem::Problem;
 use crate::estimate::segments::{Explained, Segments};
+use crate::simulate::Simulator;
 use rayon::prelude::*;
 
 /// A t from which on something is believed.
@@ -123,7 +124,7 @@ impl Evidence {
             lengths.iter().filter_map(|hours| Look::new(along, theta, &states, *hours)).collect();
         let inputs = (0..problem.model().inputs().len())
             .into_par_iter()
-            .filter_map(|input| hear(problem, &looks, regression.as_ref(), input));
+            .filter_map(|input| hear(along, &looks, regression.as_ref(), input));
         let mut inputs: Vec<InputEvidence> = inputs.collect();
         let beside_regression =
             regression.as_ref().and_then(|regression| with_regression(problem, theta, run, regression));
@@ -262,11 +263,8 @@ impl<'a> Look<'a> {
     }
 
     /// How much of what the fit lets an input's changes do is there, beside the same model in which the input
-    /// stands still.
-    fn claimed(&self, input: usize) -> Option<Explained> {
-        let inputs = self.problem.inputs();
-        let mean = vec![inputs.mean(input); inputs.samples()];
-        let still = &self.problem.simulator().with_inputs(&inputs.with_values(input, mean));
+    /// stands `still`.
+    fn claimed(&self, still: &Simulator) -> Option<Explained> {
         let linear = self.segments.linearise(self.problem, still, self.theta, &self.starts)?;
         let moves =
             self.outputs.iter().zip(&linear.simulated).map(|(with, without)| with - without).collect();
@@ -303,7 +301,9 @@ fn hear(
     if !super::regression::drives(problem, input) {
         return None;
     }
-    let claims = looks.iter().filter_map(|look| Some((look.claimed(input)?, look.hours)));
+    let (inputs, simulator) = (problem.inputs(), problem.simulator());
+    let still = simulator.with_inputs(&inputs.with_values(input, vec![inputs.mean(input); inputs.samples()]));
+    let claims = looks.iter().filter_map(|look| Some((look.claimed(&still)?, look.hours)));
     let claimed = claims.max_by(|(one, _), (other, _)| one.t.total_cmp(&other.t));
     let beside = regression.and_then(|regression| regression.beside(input));
     let role = Role::of(&channel);

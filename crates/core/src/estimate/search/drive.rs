@@ -5,6 +5,7 @@ use crate::estimate::fit::{Searched, Stop, TracePoint};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::stop::{EarlyStopping, Watch};
 use crate::interrupt::Interrupt;
+use crate::optimise::local_options::LocalOptions;
 use crate::optimise::multistart::LmOptions;
 use crate::optimise::{Ask, Candidate, Cost, Evaluation, LocalRun, Method, Search, Termination};
 use crate::simulate::trajectory::Halt;
@@ -28,6 +29,8 @@ pub(in crate::estimate) struct SearchResult {
 
 /// Evaluations for a polish by least squares from a known point.
 pub(in crate::estimate) const POLISH_EVALUATIONS: usize = 1500;
+/// Iterations from what loose steps or a coarser grid have found to the optimum of exact ones.
+const FURTHER_ITERATIONS: usize = 3;
 
 /// Looks at the validation part that only tell how a search goes: each is one simulation up to its end, and
 /// as much as so many of those is done on the training part in between.
@@ -164,14 +167,14 @@ pub(in crate::estimate) fn polish(
     }
 }
 
-/// Least squares on a problem, with so many evaluations, from what was found on a rougher one; as it was
-/// found, with the cost that it has here, where there is no time for that. Says whether it has a cost here.
+/// Some iterations of least squares on a problem, from what was found on a rougher one; as it was found, with
+/// the cost that it has here, where there is no time for that. Says whether it has a cost here.
 pub(in crate::estimate) fn polish_further(
     problem: &Problem,
     found: &mut SearchResult,
-    budget: usize,
     control: &Control,
 ) -> Result<bool, EstimateError> {
+    let budget = FURTHER_ITERATIONS * (problem.space().len() + LocalOptions::default().trials) + 1;
     if let Some(polished) = polish(problem, &found.theta, budget, control)? {
         (found.theta, found.place, found.cost) = (polished.theta, polished.place, polished.cost);
         found.evaluations += polished.evaluations;
