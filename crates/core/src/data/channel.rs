@@ -170,6 +170,12 @@ pub fn is_compass(name: &str) -> bool {
     matches!(name, "sun_azimuth" | "wind_direction")
 }
 
+/// Whether a channel begins anew after its largest value, so that the mean of two values lies nowhere near
+/// them.
+pub(super) fn goes_round(name: &str) -> bool {
+    is_compass(name) || matches!(name, "hour_of_day" | "weekday")
+}
+
 /// Whether a unit is one of temperature.
 pub(super) fn is_temperature(unit: &str) -> bool {
     let kelvin = Unit::parse("K").ok();

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use indexmap::IndexMap;
 
-use super::channel::{Hold, canonical_unit, is_compass};
+use super::channel::{Hold, canonical_unit, goes_round};
 use crate::fault::{Fault, nearest};
 
 /// The values of one channel on a grid. Every value is finite; `valid` says which stand for a measurement.
@@ -101,10 +101,10 @@ impl Column {
         }
     }
 
-    /// Every n-th point. A zero-order value becomes the mean over what its point now stands for; directions
-    /// have no mean, and stay as they are.
-    fn every(&self, n: usize, is_compass: bool) -> Self {
-        let is_mean = self.hold == Hold::ZeroOrder && !is_compass;
+    /// Every n-th point. A zero-order value becomes the mean over what its point now stands for, where it has
+    /// one.
+    fn every(&self, n: usize, has_mean: bool) -> Self {
+        let is_mean = self.hold == Hold::ZeroOrder && has_mean;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let value = |values: &[f64]| if is_mean { mean(values) } else { values[0] };
         let valid = |valid: &[bool]| if is_mean { valid.iter().all(|valid| *valid) } else { valid[0] };
@@ -239,11 +239,11 @@ impl Grid {
     }
 
     /// The grid of every n-th point: what holds from one to the next as the mean, and all else as it is at
-    /// its points.
+    /// its points. Directions and the clock go round and have no mean.
     #[must_use]
     pub fn every(&self, n: usize) -> Grid {
         let n = n.max(1);
-        let coarser = |(name, column): (&String, &Column)| (name.clone(), column.every(n, is_compass(name)));
+        let coarser = |(name, column): (&String, &Column)| (name.clone(), column.every(n, !goes_round(name)));
         Grid {
             start: self.start,
             step: self.step.saturating_mul(i64::try_from(n).unwrap_or(i64::MAX)),
@@ -316,8 +316,11 @@ mod tests {
         let room = Column::new("degC", Hold::Linear, vec![1.0, 2.0, 3.0, 4.0, 5.0], vec![true; 5]).unwrap();
         let wind =
             Column::new("deg", Hold::ZeroOrder, vec![359.0, 1.0, 2.0, 4.0, 5.0], vec![true; 5]).unwrap();
+        let clock =
+            Column::new("h", Hold::ZeroOrder, vec![23.75, 0.0, 0.25, 0.5, 0.75], vec![true; 5]).unwrap();
         let mut grid = Grid::new(1_000, 600, 5).unwrap();
-        for (name, column) in [("P_heat", power), ("T_room", room), ("wind_direction", wind)] {
+        let columns = [("P_heat", power), ("T_room", room), ("wind_direction", wind), ("hour_of_day", clock)];
+        for (name, column) in columns {
             grid = grid.with_column(name, column).unwrap();
         }
         let coarse = grid.every(2);
@@ -326,6 +329,7 @@ mod tests {
         assert_eq!(values("P_heat"), [1.5, 4.0, 7.0]);
         assert_eq!(values("T_room"), [1.0, 3.0, 5.0]);
         assert_eq!(values("wind_direction"), [359.0, 2.0, 5.0]);
+        assert_eq!(values("hour_of_day"), [23.75, 0.25, 0.75]);
         // A mean of which a part is missing is none.
         assert_eq!(self::grid().every(3).column("T_room").unwrap().valid(), [true, true]);
         let holed = Column::new("kW", Hold::ZeroOrder, vec![1.0; 5], vec![true, false, true, true, true]);

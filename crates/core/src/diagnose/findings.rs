@@ -31,8 +31,6 @@ const ROUNDS: usize = 3;
 pub const ADEQUATE_RHO: f64 = 2.0;
 /// Why an effect that the model can imitate is not testable.
 const IMITATED: &str = "the model's own parameters can do the same";
-/// Steps may be longer where that moves the free run by no more than this part of its sensors' noise.
-const UNNOTICED: f64 = 0.1;
 /// Days of training and of unseen data below which nothing can be said, and below which more is asked.
 const LEAST_DAYS: (f64, f64) = (3.0, 1.0);
 const GOOD_DAYS: (f64, f64) = (7.0, 7.0);
@@ -72,7 +70,7 @@ pub fn diagnose(
             "only {train:.1} days of training and {unseen:.1} unseen days: more is asked of every effect"
         ));
     }
-    let problem = &problem.in_long_steps(theta, UNNOTICED);
+    let problem = &problem.in_long_steps(theta);
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let nothing = || DiagnoseError::nothing(control);
@@ -147,7 +145,7 @@ pub fn preview(
     site: &Site,
 ) -> Result<Vec<EffectPreview>, DiagnoseError> {
     let diverged = DiagnoseError::Estimate(EstimateError::NothingFinite);
-    let problem = &problem.in_long_steps(theta, UNNOTICED);
+    let problem = &problem.in_long_steps(theta);
     let source = EffectSource::new(catalogue, problem, window, site)
         .map_err(|fault| DiagnoseError::Faults(vec![fault]))?;
     let (mut library, _) = source.candidates(problem);

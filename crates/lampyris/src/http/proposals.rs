@@ -18,9 +18,10 @@ pub fn router() -> OpenApiRouter<Shared> {
 /// Terms that the model of a fit may be missing: at most three, each as a sentence, an equation and a
 /// document that `POST /effects` takes.
 ///
-/// Some thousands of terms of everything that was measured are tried, which takes seconds. What is proposed
-/// explains more of the error over the next 12 h than the best of as many does on the room's own errors
-/// shifted by whole days, also beside parameters of its own.
+/// Some thousands of terms of everything that was measured are tried, which takes seconds, and minutes on a
+/// busy machine; the search ends when nobody waits for it any more. What is proposed explains more of the
+/// error over the next 12 h than the best of as many does on the room's own errors shifted by whole days,
+/// also beside parameters of its own.
 #[utoipa::path(
     get,
     path = "/fits/{id}/proposals",

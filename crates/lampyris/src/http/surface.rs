@@ -26,7 +26,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// How long a request may take until its answer begins, beside the time that its body may take. Long polls
-/// lie outside, event streams begin at once.
+/// and searches for terms lie outside, event streams begin at once.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// The frame of the description; the handlers fill it.
@@ -46,9 +46,10 @@ fn lean() -> OpenApiRouter<Shared> {
     OpenApiRouter::with_openapi(Frame::openapi()).merge(params::router())
 }
 
-/// Those that wait for news longer than a request may take.
+/// Those that wait longer than a request may take: for news, and for a search that ends when its last client
+/// has gone.
 fn patient() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().merge(state::router())
+    OpenApiRouter::new().merge(state::router()).merge(proposals::router())
 }
 
 /// All others.
@@ -82,7 +83,6 @@ fn layered() -> OpenApiRouter<Shared> {
         .merge(export::router())
         .merge(diagnostics::router())
         .merge(missing_heat::router())
-        .merge(proposals::router())
         .merge(parameter_changes::router())
         .merge(schedules::router())
         .merge(audit::router())

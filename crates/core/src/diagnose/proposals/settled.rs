@@ -21,7 +21,7 @@ const RATE: &str = "tried_rate";
 const FROM: &str = "tried_from";
 const SIZE: &str = "tried_size";
 
-/// How often the parameters may go as far again, and the share of the squares that has to be left.
+/// How often the parameters may go as far, and the share of the squares that has to be left.
 const ANCHORS: usize = 3;
 const GAIN: f64 = 0.95;
 
@@ -110,30 +110,29 @@ impl Trial<'_> {
     }
 
     /// The least squares along the segments from a start, and from what free runs come to from there and from
-    /// others, where those are given.
+    /// others, where those are given; the best of these goes on.
     fn settled(&self, problem: &Problem, start: Vec<f64>, others: Vec<Vec<f64>>) -> Option<SettledBeside> {
-        let from = |start: &Vec<f64>| {
-            let mut best: Option<SettledBeside> = None;
-            let mut here = start.clone();
-            for _ in 0..ANCHORS {
-                let look = Look::new(problem, &here, self.samples.clone(), self.hours, self.halt)?;
-                let squares = look.left().iter().map(|left| left * left).sum();
-                let gains = best.as_ref().is_none_or(|best| squares < GAIN * best.squares);
-                here = look.theta().to_vec();
-                best = Some(SettledBeside { theta: here.clone(), starts: look.starts().to_vec(), squares });
-                if !gains {
-                    break;
-                }
-            }
-            best
+        let from = |theta: &[f64]| {
+            let look = Look::new(problem, theta, self.samples.clone(), self.hours, self.halt)?;
+            let squares = look.left().iter().map(|left| left * left).sum();
+            Some(SettledBeside { theta: look.theta().to_vec(), starts: look.starts().to_vec(), squares })
         };
         let mut starts = vec![start.clone()];
         if !others.is_empty() {
             let all: Vec<Vec<f64>> = std::iter::once(start).chain(others).collect();
             starts.extend(anew_from(problem, &all, self.halt));
         }
-        let ends: Vec<SettledBeside> = starts.iter().filter_map(from).collect();
-        ends.into_iter().min_by(|a, b| a.squares.total_cmp(&b.squares))
+        let ends = starts.iter().filter_map(|start| from(start));
+        let mut best = ends.min_by(|a, b| a.squares.total_cmp(&b.squares))?;
+        for _ in 1..ANCHORS {
+            let Some(next) = from(&best.theta) else { break };
+            let gains = next.squares < GAIN * best.squares;
+            best = next;
+            if !gains {
+                break;
+            }
+        }
+        Some(best)
     }
 
     /// The flows as an effect: given ones, or along the difference of a given one from the state.

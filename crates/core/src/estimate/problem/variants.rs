@@ -18,6 +18,8 @@ const COARSE_HOURS: f64 = 0.5;
 const LEAST_FOR_EACH: usize = 10;
 /// The share of what was measured and predicted that it still stands for.
 const COARSE_SHARE: f64 = 0.8;
+/// Steps may be longer where that moves the free run by no more than this part of its sensors' noise.
+const UNNOTICED: f64 = 0.1;
 
 impl Problem {
     /// The same problem under a brake. Whatever is computed on it, or on what is derived from it, unwinds to
@@ -48,13 +50,13 @@ impl Problem {
     }
 
     /// The same problem in loose steps of a given length, where they move the free run of these parameters by
-    /// no more than this part of its sensors' noise.
+    /// less than its sensors would notice.
     #[must_use]
-    pub fn in_long_steps(&self, theta: &[f64], part: f64) -> Self {
+    pub fn in_long_steps(&self, theta: &[f64]) -> Self {
         let loose = self.with_loose_steps(true);
         let moves = || self.farthest_apart(&self.simulate(theta), &loose.simulate(theta));
         let may_be = self.model.stepper() != Stepper::Rkc && loose.simulator.has_loose_steps();
-        match may_be && moves() <= part * self.scaled_noise() {
+        match may_be && moves() <= UNNOTICED * self.scaled_noise() {
             true => loose,
             false => self.clone(),
         }
