@@ -155,15 +155,7 @@ fn sought<E: From<EstimateError>>(
 ) -> Result<(Problem, SearchResult), E> {
     Ok(match problem.prior() {
         Prior::None | Prior::Siblings => (problem.clone(), search(problem)?),
-        // The prior's weight is the residual variance of the fit without it.
-        Prior::LogNormal => {
-            let free = search(&problem.without_prior())?;
-            let problem = problem.with_prior_variance(free.cost);
-            let found = search(&problem)?;
-            let evaluations = found.evaluations + free.evaluations;
-            (problem, SearchResult { evaluations, ..found })
-        }
-        Prior::Known(_) => drawn(problem, search(&problem.without_prior())?, control)?,
+        Prior::LogNormal | Prior::Known(_) => drawn(problem, search(&problem.without_prior())?, control)?,
     })
 }
 
