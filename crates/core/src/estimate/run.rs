@@ -147,7 +147,7 @@ fn refined(
     Ok((problem, found, difference))
 }
 
-/// Searches, once more where a prior asks for it, and draws what was found to what is known beforehand.
+/// Searches, and draws what was found to what is known beforehand.
 fn sought<E: From<EstimateError>>(
     problem: &Problem,
     search: impl Fn(&Problem) -> Result<SearchResult, E>,

@@ -156,7 +156,7 @@ pub enum Scale {
     Log,
 }
 
-/// How an input behaves between its samples.
+/// What a channel is between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 #[schema(as = Hold)]

@@ -91,8 +91,8 @@ fn the_hidden_effect_is_named_added_and_the_error_falls() {
     // What its window shows stands in the ledger, of what was named and of what was not.
     let ledger = app.get("/systems/room/windy/evidence").expect(200).json();
     let items = ledger["effects"].as_array().unwrap();
-    let t = |item: &Value| number(&item["pooled"]["t"]).abs();
-    assert!(items.len() > 5 && items.windows(2).all(|pair| t(&pair[0]) >= t(&pair[1])), "{ledger}");
+    let t = |item: &Value| number(&item["pooled"]["t"]);
+    assert!(items.len() > 5 && items.is_sorted_by(|a, b| t(a).abs() >= t(b).abs()), "{ledger}");
     let of_wind = items.iter().find(|item| item["effect"] == "wind_infiltration").unwrap();
     assert!(t(of_wind) > 5.0 && of_wind["windows"].as_array().unwrap().len() == 1, "{ledger}");
     assert_eq!(finding["pooled"]["windows"], 1, "{finding}");

@@ -8,6 +8,7 @@ use crate::diagnose::refit::Refit;
 use crate::diagnose::residual::{Whitening, usable};
 use crate::diagnose::score_test::Look;
 use crate::estimate::{Problem, Site};
+use crate::gram::dot;
 use crate::model::Catalogue;
 use crate::model::spec::{EffectSpec, InputHold, InputSpec, Nominal, ParameterSpec, Scale};
 use crate::optimise::multistart::latin_hypercube;
@@ -114,7 +115,7 @@ impl Trial<'_> {
     fn settled(&self, problem: &Problem, start: Vec<f64>, others: Vec<Vec<f64>>) -> Option<SettledBeside> {
         let from = |theta: &[f64]| {
             let look = Look::new(problem, theta, self.samples.clone(), self.hours, self.halt)?;
-            let squares = look.left().iter().map(|left| left * left).sum();
+            let squares = dot(look.left(), look.left());
             Some(SettledBeside { theta: look.theta().to_vec(), starts: look.starts().to_vec(), squares })
         };
         let mut starts = vec![start.clone()];
