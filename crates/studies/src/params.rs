@@ -24,7 +24,7 @@ use tokio::net::TcpStream;
 const CONNECTIONS: usize = 8;
 /// How long each side is polled in a turn.
 const TURN: Duration = Duration::from_millis(1500);
-const TURNS: usize = 4;
+const TURNS: usize = 5;
 
 pub fn run() -> Result<Vec<Row>, Failure> {
     runtime()?.block_on(measure())
@@ -50,24 +50,24 @@ async fn measure() -> Result<Vec<Row>, Failure> {
     let address = listener.local_addr().map_err(text)?;
     let server = tokio::spawn(async move { axum::serve(listener, bare).await });
     let request = format!("GET /params/room/4 HTTP/1.1\r\nhost: localhost\r\nif-none-match: {etag}\r\n\r\n");
-    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
     // In turns, so that whatever else the machine does hits both.
     for _ in 0..TURNS {
         ours.push(poll(app.addr, &request).await?);
         theirs.push(poll(address, &request).await?);
+        ratios.push(ours[ours.len() - 1] / theirs[theirs.len() - 1]);
     }
     server.abort();
     app.shutdown().await.map_err(text)?;
     std::fs::remove_dir_all(&folder).map_err(text)?;
-    let median = |rates: &mut Vec<f64>| {
+    let median = |mut rates: Vec<f64>| {
         rates.sort_by(f64::total_cmp);
         rates[rates.len() / 2]
     };
-    let (ours, theirs) = (median(&mut ours), median(&mut theirs));
     Ok(vec![
-        Row::new("/params with a matching ETag (304), polls a second", ours, "1/s"),
-        Row::new("  a bare axum route that answers 304", theirs, "1/s"),
-        Row::new("  /params / bare", ours / theirs, "x").at_least(0.8),
+        Row::new("/params with a matching ETag (304), polls a second", median(ours), "1/s"),
+        Row::new("  a bare axum route that answers 304", median(theirs), "1/s"),
+        Row::new("  /params / bare, median of the rounds", median(ratios), "x").at_least(0.8),
     ])
 }
 

@@ -67,7 +67,7 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
     ("get_language", None, Several),
     ("get_metrics", Some(Read), Several),
     ("list_params", Some(Read), Several),
-    ("get_params", Some(Read), System),
+    ("get_params", Some(Read), Several),
     ("get_history", Some(Read), System),
     ("put_pin", Some(Operate), System),
     ("delete_pin", Some(Operate), System),
@@ -152,9 +152,11 @@ const OPERATIONS: &[(&str, Option<Scope>, About)] = &[
 /// What an operation needs, and what it is about.
 type Declared = (Option<Scope>, About);
 
-/// What an operation needs; nothing where it is not declared, which a test forbids.
-pub fn declared(operation: &str) -> Option<Declared> {
-    OPERATIONS.iter().find(|(id, _, _)| *id == operation).map(|(_, scope, about)| (*scope, *about))
+/// What an operation needs, and what it is about. One that nobody has declared, which a test forbids, is for
+/// administrators.
+pub fn declared(operation: &str) -> Declared {
+    let found = OPERATIONS.iter().find(|(id, _, _)| *id == operation);
+    found.map_or((Some(Admin), Several), |(_, scope, about)| (*scope, *about))
 }
 
 /// Whoever sends a request.
@@ -236,36 +238,48 @@ impl Gate {
     ) -> Self {
         let mut known: HashMap<String, HashMap<_, _>> = HashMap::new();
         for (path, method, id) in operations {
-            // An operation that nobody has declared is for administrators.
-            known.entry(path).or_default().insert(method, declared(&id).unwrap_or((Some(Admin), Several)));
+            known.entry(path).or_default().insert(method, declared(&id));
         }
         Self { service, operations: Arc::new(known) }
     }
 
     /// What the operation of a request needs, and what it is about.
-    fn asked(&self, parts: &Parts) -> Declared {
-        let path = parts.extensions.get::<MatchedPath>().map(MatchedPath::as_str).unwrap_or_default();
-        let method = if parts.method == Method::HEAD { "GET" } else { parts.method.as_str() };
+    fn asked(&self, request: &Request) -> Declared {
+        let path = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str).unwrap_or_default();
+        let method = if request.method() == Method::HEAD { "GET" } else { request.method().as_str() };
         let found = self.operations.get(path).and_then(|methods| methods.get(method));
         // A method that a path does not know is refused further in, to those who may ask at all.
         found.copied().unwrap_or((Some(Read), Several))
     }
 }
 
-/// Lets a request through to its operation, or says why not. Whoever reads on and on hears no more when the
-/// token ends.
+/// Lets a request through to its operation, or says why not.
 pub async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Response {
+    let asked = gate.asked(&request);
+    admitted(&gate.service, asked, request, |caller, mut request| {
+        request.extensions_mut().insert(caller);
+        next.run(request)
+    })
+    .await
+}
+
+/// The answer to a request, if its caller may have one. Whoever reads on and on hears no more when the token
+/// ends.
+pub async fn admitted<F: Future<Output = Response>>(
+    service: &Shared,
+    asked: Declared,
+    request: Request,
+    answer: impl FnOnce(Caller, Request) -> F,
+) -> Response {
     let (mut parts, body) = request.into_parts();
-    let asked = gate.asked(&parts);
-    let caller = match admit(&gate.service, asked, &mut parts).await {
+    let caller = match admit(service, asked, &mut parts).await {
         Ok(caller) => caller,
         Err(error) if asked.1 == Lines => return InfluxRefusal::from(error).into_response(),
         Err(error) => return error.into_response(),
     };
     let waits = parts.method == Method::GET;
     let token = caller.token.clone();
-    parts.extensions.insert(caller);
-    let answer = next.run(Request::from_parts(parts, body));
+    let answer = answer(caller, Request::from_parts(parts, body));
     // What changes something is done to its end.
     let Some(token) = token.filter(|_| waits) else {
         return answer.await;
@@ -274,12 +288,12 @@ pub async fn guard(State(gate): State<Gate>, request: Request, next: Next) -> Re
         // An answer that is there at once is not timed against the token.
         biased;
         response = answer => response,
-        () = gate.service.tokens.end_of(&token) => return ApiError::Unauthorized("the token has ended").into_response(),
+        () = service.tokens.end_of(&token) => return ApiError::Unauthorized("the token has ended").into_response(),
     };
     if response.headers().get(header::CONTENT_TYPE).is_none_or(|kind| kind != "text/event-stream") {
         return response;
     }
-    let service = gate.service.clone();
+    let service = service.clone();
     response.map(|body| {
         let ended = async move { service.tokens.end_of(&token).await };
         Body::from_stream(Until { stream: body.into_data_stream(), ended: Box::pin(ended) })
@@ -322,7 +336,7 @@ async fn admit(service: &Shared, (needed, about): Declared, parts: &mut Parts) -
     }
     let caller = Caller { token: Some(token) };
     if !caller.reach().is_all() {
-        reaches(service, caller.reach(), about, parts).await?;
+        Box::pin(reaches(service, caller.reach(), about, parts)).await?;
     }
     Ok(caller)
 }

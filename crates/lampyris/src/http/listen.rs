@@ -6,6 +6,7 @@
 
 use super::extract::{SPARE, linger};
 use super::origin::authority;
+use super::params;
 use super::patience::Patience;
 use super::places::{Connection, Places};
 use super::shared::Shared;
@@ -114,6 +115,7 @@ impl Server {
             }
         };
         tokio::select! {
+            biased;
             () = served => {}
             () = place.lost() => {}
         }
@@ -122,13 +124,14 @@ impl Server {
     async fn serve(&self, stream: impl AsyncRead + AsyncWrite + Unpin, place: &Arc<Connection>) {
         let answer = service_fn(|mut request: Request<Incoming>| {
             request.extensions_mut().insert(place.clone());
-            answer(self.router.clone(), request)
+            answer(&self.service, &self.router, request)
         });
         let connection = self.builder.serve_connection(TokioIo::new(stream), answer);
         tokio::pin!(connection);
         let mut stopping: watch::Receiver<bool> = self.service.stopping.subscribe();
         // What goes wrong here is the client's: it is slow, it has gone, or it speaks something else.
         let has_ended = tokio::select! {
+            biased;
             _ = connection.as_mut() => true,
             _ = stopping.wait_for(|stopping| *stopping) => false,
         };
@@ -141,10 +144,21 @@ impl Server {
 
 /// Answers a request that says by which name it asks. Every answer is what it says it is, and no part of a
 /// page of another origin.
-async fn answer(router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
+async fn answer(
+    service: &Shared,
+    router: &Router,
+    request: Request<Incoming>,
+) -> Result<Response, Infallible> {
     let (parts, body) = request.into_parts();
+    let is_whole = hyper::body::Body::is_end_stream(&body);
     let mut response = match authority(&parts) {
-        Ok(_) => routed(router, Request::from_parts(parts, body)).await?,
+        // Most of all requests; the router takes as long to find the handler as it does to answer.
+        Ok(_) if is_whole && params::is_poll(&parts) => {
+            params::polled(service, Request::from_parts(parts, Body::empty())).await
+        }
+        // A router is always ready.
+        Ok(_) if is_whole => router.clone().call(Request::from_parts(parts, Body::empty())).await?,
+        Ok(_) => Box::pin(with_body(router.clone(), Request::from_parts(parts, body))).await?,
         Err(error) => error.into_response(),
     };
     let fields = response.headers_mut();
@@ -156,11 +170,7 @@ async fn answer(router: Router, request: Request<Incoming>) -> Result<Response, 
 /// Gives a request to the router. It may refuse one before its body has come: what is still under way is
 /// thrown away, or else the client that sends it would find the connection closed before it has heard the
 /// answer, or at its next request.
-async fn routed(mut router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
-    // A router is always ready.
-    if hyper::body::Body::is_end_stream(request.body()) {
-        return router.call(request.map(Body::new)).await;
-    }
+async fn with_body(mut router: Router, request: Request<Incoming>) -> Result<Response, Infallible> {
     // Who asks before sending has nothing under way.
     let asks = request.headers().contains_key(header::EXPECT);
     let (parts, body) = request.into_parts();

@@ -1,9 +1,9 @@
 //! What the controller asks for: 200 use these, 304 keep yours, 404 use your own baseline.
 //!
-//! The handlers answer from the snapshot. No layer lies around them but the guard: no trace, no compression,
-//! no time-out.
+//! The handlers answer from the snapshot. No layer lies around them: no trace, no compression, no time-out,
+//! and they ask the guard themselves.
 
-use super::access::Caller;
+use super::access::{Caller, admitted, declared};
 use super::conditions::{is_known, not_modified, set_tag, unless_known};
 use super::problem::{ApiError, Problems};
 use super::shared::{Shared, shared_body};
@@ -14,7 +14,8 @@ use crate::store;
 use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::header::IF_NONE_MATCH;
-use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::response::{IntoResponse, Response};
 use lampyris_core::fault::Fault;
 use serde_json::Value;
@@ -90,15 +91,32 @@ enum More {
     )
 )]
 async fn get_params(State(service): State<Shared>, request: Request) -> Response {
-    let response = poll(&service, request).await;
+    polled(&service, request).await
+}
+
+/// Whether a request is a poll of one system, which needs no router to be found.
+pub fn is_poll(parts: &Parts) -> bool {
+    let names = parts.uri.path().strip_prefix(PREFIX).and_then(|system| system.split_once('/'));
+    let is_name = |text: &str| !text.is_empty() && !text.contains('/');
+    parts.method == Method::GET && names.is_some_and(|(kind, id)| is_name(kind) && is_name(id))
+}
+
+/// The answer to a poll of one system.
+pub async fn polled(service: &Shared, request: Request) -> Response {
+    let asked = declared("get_params");
+    let response = admitted(service, asked, request, |caller, request| poll(service, caller, request)).await;
     service.metrics.polls.count(response.status().as_u16());
     response
 }
 
-async fn poll(service: &Shared, request: Request) -> Response {
+async fn poll(service: &Shared, caller: Caller, request: Request) -> Response {
     let system = request.uri().path().get(PREFIX.len()..).unwrap_or_default();
+    if !caller.may_see(system) {
+        return ApiError::NotFound("system", system.to_owned()).into_response();
+    }
+    // What few ask for is kept apart: an answer is moved as a whole, with all that it might wait for.
     if service.store.is_shared() {
-        read_through(service, system, request.headers()).await;
+        Box::pin(read_through(service, system, request.headers())).await;
     }
     let Some(slot) = service.params.slot(system) else {
         return ApiError::NotFound("system", system.to_owned()).into_response();
@@ -109,7 +127,7 @@ async fn poll(service: &Shared, request: Request) -> Response {
     };
     let headers = request.headers();
     if more.is_some() {
-        let answer = with_covariance(service, &slot.entry(), system, accept, headers).await;
+        let answer = Box::pin(with_covariance(service, &slot.entry(), system, accept, headers)).await;
         return answer.unwrap_or_else(IntoResponse::into_response);
     }
     match newest(service, system, slot, headers, |entry| is_old(entry, accept, headers)).await {
@@ -143,13 +161,16 @@ async fn read_through(service: &Shared, system: &str, headers: &HeaderMap) {
         Problems
     )
 )]
-async fn list_params(
-    State(service): State<Shared>,
-    caller: Caller,
-    uri: Uri,
-    headers: HeaderMap,
-) -> Response {
-    if uri.query().is_some_and(|query| !query.is_empty()) {
+async fn list_params(State(service): State<Shared>, request: Request) -> Response {
+    let asked = declared("list_params");
+    let answer = async |caller, request| poll_all(&service, &caller, &request);
+    let response = admitted(&service, asked, request, answer).await;
+    service.metrics.all_polls.count(response.status().as_u16());
+    response
+}
+
+fn poll_all(service: &Shared, caller: &Caller, request: &Request) -> Response {
+    if request.uri().query().is_some_and(|query| !query.is_empty()) {
         let fault = Fault::new("query", "unknown-field", "this path knows no query");
         return ApiError::Invalid(vec![fault]).into_response();
     }
@@ -166,10 +187,7 @@ async fn list_params(
     }
     body.extend_from_slice(br#"],"next_page_token":null}"#);
     let etag = tag_of(&body);
-    let response =
-        if is_known(&headers, &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) };
-    service.metrics.all_polls.count(response.status().as_u16());
-    response
+    if is_known(request.headers(), &etag) { not_modified(&etag) } else { tagged(Body::from(body), &etag) }
 }
 
 /// What the query accepts, and what more it wants. This path is the busiest of all, so it is read by hand.
@@ -256,4 +274,26 @@ fn tagged(body: Body, etag: &str) -> Response {
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
     set_tag(&mut response, etag);
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_poll_is_known_by_its_path() {
+        let is = |method: &str, path: &str| {
+            let request = axum::http::Request::builder().method(method).uri(path).body(()).unwrap();
+            is_poll(&request.into_parts().0)
+        };
+        for path in ["/params/room/4", "/params/room/4?accept=fresh", "http://house/params/room/4"] {
+            assert!(is("GET", path), "{path}");
+        }
+        for path in
+            ["/params", "/params/", "/params/room", "/params/room/", "/params/room/4/history", "/params//4"]
+        {
+            assert!(!is("GET", path), "{path}");
+        }
+        assert!(!is("HEAD", "/params/room/4") && !is("PUT", "/params/room/4"));
+    }
 }

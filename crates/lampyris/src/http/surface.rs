@@ -125,7 +125,7 @@ pub fn router(service: Shared) -> Router {
             tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
         }))
         .layer(axum::middleware::from_fn_with_state(service.clone(), metrics::measure))
-        .merge(lean.layer(guard))
+        .merge(lean)
         .merge(web::router())
         .merge(book::router())
         .fallback(async || ApiError::NoSuchPath)

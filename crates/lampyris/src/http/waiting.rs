@@ -18,13 +18,25 @@ pub async fn newest(
     headers: &HeaderMap,
     is_old: impl Fn(&Entry) -> bool,
 ) -> Option<Arc<Entry>> {
-    let wait = headers.get("prefer").and_then(wait);
+    match headers.get("prefer").and_then(wait) {
+        Some(seconds) => Box::pin(news(service, system, slot, Duration::from_secs(seconds), is_old)).await,
+        None => Some(slot.entry()),
+    }
+}
+
+async fn news(
+    service: &Shared,
+    system: &str,
+    slot: Arc<Slot>,
+    patience: Duration,
+    is_old: impl Fn(&Entry) -> bool,
+) -> Option<Arc<Entry>> {
     // Interest is registered before the entry is read, so that news that comes in between is not missed.
-    let mut news = wait.map(|seconds| (slot.watch(), Duration::from_secs(seconds)));
+    let mut news = slot.watch();
     let entry = slot.entry();
-    let Some((news, patience)) = news.as_mut().filter(|_| is_old(&entry)) else {
+    if !is_old(&entry) {
         return Some(entry);
-    };
+    }
     let mut stopping = service.stopping.subscribe();
     let told = async {
         // An event may leave this client's answer as it was, such as one job following another. A system that
@@ -34,7 +46,7 @@ pub async fn newest(
     };
     tokio::select! {
         () = told => {}
-        () = tokio::time::sleep(*patience) => {}
+        () = tokio::time::sleep(patience) => {}
         _ = stopping.wait_for(|stopping| *stopping) => {}
     }
     service.params.entry(system)
