@@ -118,6 +118,13 @@ fn the_response_to_a_flow_is_what_the_simulation_does_with_it() {
 }
 
 #[test]
+fn a_start_that_was_forgotten_before_anything_was_measured_leaves_the_numbers_to_the_others() {
+    let (_, problem, theta, _) = fitted(3_500_003, &["rain"]);
+    let samples = problem.split().train.start..problem.split().validation.end;
+    assert!(Look::new(&problem, &theta, samples, RANKING_HOURS, &|| false).is_some());
+}
+
+#[test]
 fn terms_are_what_they_say() {
     let (window, problem, _, _) = fitted(66, &[]);
     let (grid, _) = widen(&problem, &window, &site()).unwrap();

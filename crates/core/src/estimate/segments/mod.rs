@@ -31,6 +31,9 @@ const UNSEEN_START: f64 = 1e-6;
 /// How far a start is believed to lie from where it was expected when it is estimated, in the unit of the
 /// states: a slow state is not determined by a few hours.
 const START_REACH: f64 = 3.0;
+/// How far a start is moved at most, in the same unit. One that is forgotten before its segment has its first
+/// measurement is asked for whatever the model errs by, and could lie where no model has numbers.
+const START_FARTHEST: f64 = 30.0;
 /// How far a parameter is believed to lie from the fit when the linear problem is solved, as a share of what
 /// is searched. It keeps what the data do not determine from leaving the reach of the linearisation.
 pub const REACH: f64 = 0.3;
@@ -201,8 +204,10 @@ impl Segments {
         let mut normal = responses.tr_mul(responses);
         (0..start.len()).for_each(|i| normal[(i, i)] += (problem.scaled_noise() / START_REACH).powi(2));
         let right = responses.tr_mul(&DVector::from_column_slice(residual));
-        let step = normal.cholesky().map(|factor| factor.solve(&right));
-        start.iter().enumerate().map(|(i, start)| start + step.as_ref().map_or(0.0, |step| step[i])).collect()
+        let Some(factor) = normal.cholesky() else { return start.to_vec() };
+        let step = factor.solve(&right);
+        let share = (START_FARTHEST / step.amax()).min(1.0);
+        start.iter().zip(step.iter()).map(|(start, step)| start + share * step).collect()
     }
 
     /// What heat into the first measured state does to the first output, for every `hour` of the day, 0 to
