@@ -91,6 +91,8 @@ enum Study {
     /// Whether the terms that are proposed find the channel that drives a measured room, where no channel has
     /// a name that says what it is.
     RealProposals(real::proposals::Arguments),
+    /// Whether the log-normal prior helps in measured rooms, with what drives them and without.
+    RealPriors(real::priors::Arguments),
     /// How often the bands of forecasts hold what was measured then, in measured rooms.
     Bands(real::bands::Arguments),
     /// What a diagnosis names on synthetic treatment plants: of sixty worlds twenty hide nothing, eight an
@@ -140,6 +142,7 @@ impl Study {
             Self::Experiments(asked) => ("experiments", Some(asked.first.seed)),
             Self::Real(_) => ("real", None),
             Self::RealProposals(_) => ("real-proposals", None),
+            Self::RealPriors(_) => ("real-priors", None),
             Self::Bands(_) => ("bands", None),
             Self::DiagnosePlant(asked) => ("diagnose-plant", Some(asked.first.seed)),
             Self::Functions(asked) => ("functions", Some(asked.seeds.first.seed)),
@@ -228,6 +231,7 @@ fn measured(study: &Study, as_json: bool) -> Result<Vec<Row>, Failure> {
             rows
         }
         Study::RealProposals(asked) => real::proposals::run(asked)?,
+        Study::RealPriors(asked) => real::priors::run(asked)?,
         Study::Bands(asked) => real::bands::run(asked)?,
         Study::Diagnose(asked) => diagnose::run(asked)?,
         Study::MissingHeat(asked) => missing_heat::run(asked)?,

@@ -2,6 +2,7 @@
 //! the channels of other days accused?
 
 pub mod bands;
+pub mod priors;
 pub mod proposals;
 mod rooms;
 

@@ -129,11 +129,11 @@ impl<'a> EffectSource<'a> {
                 // The choices of one shape lack the same thing: one line says so.
                 Err(reason) => {
                     let family = reason.effect.split(':').next().unwrap_or_default().to_owned();
-                    let choice = self
-                        .catalogue
-                        .effects()
-                        .any(|effect| effect.id == family && !effect.choices.is_empty());
-                    let reason = if choice { NotTestable { effect: family, ..reason } } else { reason };
+                    let reason = if self.has_choices(&family) {
+                        NotTestable { effect: family, ..reason }
+                    } else {
+                        reason
+                    };
                     if !not_testable.contains(&reason) {
                         not_testable.push(reason);
                     }
@@ -229,6 +229,11 @@ impl<'a> EffectSource<'a> {
         Ok(CandidateEffect { id: name.to_owned(), spec, problem, own, endogenous, by_clock, conducts })
     }
 
+    /// Whether an effect is one of those that come in given shapes.
+    fn has_choices(&self, id: &str) -> bool {
+        self.catalogue.effect_document(id).is_some_and(|effect| !effect.choices.is_empty())
+    }
+
     /// The ids of all effects that could concern this window and are no part of the model.
     fn names(&self, base: &Problem) -> Vec<String> {
         let mut names = Vec::new();
@@ -249,10 +254,7 @@ impl<'a> EffectSource<'a> {
         }
         let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
         let has = |name: &String| {
-            let choice = self
-                .catalogue
-                .effects()
-                .any(|effect| effect.id == family(name) && !effect.choices.is_empty());
+            let choice = self.has_choices(&family(name));
             let by_way = |known: &str| {
                 self.catalogue.effect(known).is_ok_and(|effect| effect.way_of.as_ref() == Some(name))
             };

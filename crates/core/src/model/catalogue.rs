@@ -128,6 +128,11 @@ impl Catalogue {
         self.effects.values()
     }
 
+    /// The document of an effect by its id, as it stands.
+    pub fn effect_document(&self, id: &str) -> Option<&EffectSpec> {
+        self.effects.get(id)
+    }
+
     /// A model document by name.
     pub fn model(&self, name: &str) -> Option<&ModelDocument> {
         self.models.get(name)

@@ -109,6 +109,6 @@ async fn get_effect(
     Path(id): Path<String>,
 ) -> Result<axum::Json<EffectSpec>, ApiError> {
     let catalogue = service.catalogue.current();
-    let effect = catalogue.effects().find(|effect| effect.id == id).cloned();
+    let effect = catalogue.effect_document(&id).cloned();
     effect.map(axum::Json).ok_or(ApiError::NotFound("effect", id))
 }

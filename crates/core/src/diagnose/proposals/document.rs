@@ -45,7 +45,7 @@ impl TermWriting<'_> {
                 continue;
             }
             let effect = self.called(id);
-            match self.catalogue.effects().find(|known| known.id == effect.id) {
+            match self.catalogue.effect_document(&effect.id) {
                 None => return (effect, false),
                 Some(known) if !self.is_part(known) && is_same(known, &effect) => {
                     return (known.clone(), true);

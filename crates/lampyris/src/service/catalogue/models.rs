@@ -344,7 +344,7 @@ pub async fn create_effect(
     let reading = catalogue.clone();
     let effect = blocking(move || check_effect(&reading, None, body)).await?.map_err(ServiceError::Faults)?;
     let stored = models::effects(&service.store).await?.iter().any(|known| known.id == effect.id);
-    if let Some(builtin) = catalogue.effects().find(|known| known.id == effect.id).filter(|_| !stored) {
+    if let Some(builtin) = catalogue.effect_document(&effect.id).filter(|_| !stored) {
         return same_or_conflict(builtin == &effect, "effect", &effect.id)
             .map(|()| Taken { thing: effect, is_new: false });
     }
@@ -382,7 +382,7 @@ pub async fn add_effect(
         blocking(move || make_version(&catalogue, &base, body)).await?.map_err(ServiceError::Faults)?;
     let (version, effect) = made;
     if let Some(effect) = &effect
-        && let Some(known) = service.catalogue.current().effects().find(|known| known.id == effect.id)
+        && let Some(known) = service.catalogue.current().effect_document(&effect.id)
     {
         same_or_conflict(known == effect, "effect", &effect.id)?;
     }

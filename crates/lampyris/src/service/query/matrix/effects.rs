@@ -155,7 +155,7 @@ fn sentence(
 
 /// The title of an effect, its id where nobody knows it any more.
 pub(super) fn title(catalogue: &Catalogue, effect: &str) -> String {
-    let known = catalogue.effects().find(|known| known.id == effect);
+    let known = catalogue.effect_document(effect);
     known.map_or_else(|| effect.replace('_', " "), |known| of_any_member(&known.title))
 }
 
