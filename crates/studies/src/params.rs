@@ -50,16 +50,16 @@ async fn measure() -> Result<Vec<Row>, Failure> {
     let address = listener.local_addr().map_err(text)?;
     let server = tokio::spawn(async move { axum::serve(listener, bare).await });
     let request = format!("GET /params/room/4 HTTP/1.1\r\nhost: localhost\r\nif-none-match: {etag}\r\n\r\n");
-    let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
     // In turns, so that whatever else the machine does hits both.
     for _ in 0..TURNS {
         ours.push(poll(app.addr, &request).await?);
         theirs.push(poll(address, &request).await?);
-        ratios.push(ours[ours.len() - 1] / theirs[theirs.len() - 1]);
     }
     server.abort();
     app.shutdown().await.map_err(text)?;
     std::fs::remove_dir_all(&folder).map_err(text)?;
+    let ratios = ours.iter().zip(&theirs).map(|(ours, theirs)| ours / theirs).collect();
     let median = |mut rates: Vec<f64>| {
         rates.sort_by(f64::total_cmp);
         rates[rates.len() / 2]

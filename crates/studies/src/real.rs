@@ -210,7 +210,14 @@ fn asked(part: Part) -> Result<EstimateRequest, Failure> {
     Ok(EstimateRequest { window: Some(range), split, ..EstimateRequest::default() })
 }
 
-/// A part of a room's record with the room's own model, which does not know what drives it.
+/// The room's own model, which does not know what drives it, or that with what does.
+fn model_of(room: &Room, driver: Option<&&str>) -> Result<ModelId, Failure> {
+    let own: ModelId =
+        room.model.parse().map_err(|error| Failure::Error(format!("{}: {error}", room.name)))?;
+    Ok(driver.map_or(own.clone(), |driver| own.plus(driver)))
+}
+
+/// A part of a room's record with a model.
 struct FittedPart {
     catalogue: Catalogue,
     site: Site,
@@ -219,14 +226,23 @@ struct FittedPart {
 }
 
 impl FittedPart {
+    /// By the room's own model.
     fn new(room: &Room, window: &Window, part: Part) -> Result<Self, Failure> {
-        let wrong = |error: &dyn Display| failed(room, part, error);
+        Self::by(&model_of(room, None)?, &asked(part)?, room, window, part)
+    }
+
+    fn by(
+        model: &ModelId,
+        request: &EstimateRequest,
+        room: &Room,
+        window: &Window,
+        part: Part,
+    ) -> Result<Self, Failure> {
         let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
         let site = Site { location: Some(room.place), ..Site::default() };
-        let model: ModelId = room.model.parse().map_err(|error| wrong(&error))?;
-        let request = asked(part)?;
-        let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
-        let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?;
+        let problem = prepare(&catalogue, model, request, window, &site).map_err(|found| faults(&found))?;
+        let fit =
+            estimate(&problem, request, None, &Control::NONE).map_err(|error| failed(room, part, &error))?;
         Ok(Self { catalogue, site, problem, fit })
     }
 }

@@ -32,7 +32,7 @@ use tokio_stream::Stream;
 /// What the path of an operation names: by it the system is found that a token must be good for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum About {
-    /// Nothing that belongs to a system, or several: then the handler leaves out what its caller may not see.
+    /// Nothing that belongs to a system, or what the handler itself keeps from a caller that may not see it.
     Several,
     /// Several, told by a client of InfluxDB, which shows its token and writes its body in ways of its own,
     /// and reads errors in another form.

@@ -30,11 +30,6 @@ fn names(headers: &HeaderMap, field: &HeaderName, etag: &str) -> Option<bool> {
     let mut alone = true;
     let mut named = false;
     for line in lines {
-        // Most show one tag, as they were told it.
-        if line == etag {
-            named = true;
-            continue;
-        }
         let Ok(text) = line.to_str() else { continue };
         if alone && text.trim() == "*" {
             return Some(true);

@@ -101,9 +101,9 @@ fn own() -> OpenApiRouter<Shared> {
 pub fn router(service: Shared) -> Router {
     let (layered, mut described) = layered().split_for_parts();
     let (patient, mut awaited) = patient().split_for_parts();
-    let (lean, mut polled) = lean().split_for_parts();
-    let known: Vec<_> =
-        [&mut described, &mut awaited, &mut polled].into_iter().flat_map(description::ids).collect();
+    // Those ask the guard themselves.
+    let (lean, _) = lean().split_for_parts();
+    let known: Vec<_> = [&mut described, &mut awaited].into_iter().flat_map(description::ids).collect();
     let patience = REQUEST_TIMEOUT + Duration::from_secs(service.settings.limits.body_seconds);
     let guard =
         axum::middleware::from_fn_with_state(access::Gate::new(service.clone(), known), access::guard);

@@ -2,13 +2,12 @@
 
 use super::super::row::Row;
 use super::rooms::Room;
-use super::{MeasuredRooms, Part, asked, parts};
+use super::{FittedPart, MeasuredRooms, Part, asked, failed, model_of, parts};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{Duration, HOUR, Window};
+use lampyris_core::estimate::Replay;
 use lampyris_core::estimate::forecast::{ForecastAsked, InputsToCome, forecast};
-use lampyris_core::estimate::{Control, Replay, Site, estimate, prepare};
 use lampyris_core::interrupt::Brake;
-use lampyris_core::model::{Catalogue, ModelId};
 use rayon::prelude::*;
 
 /// Hours ahead.
@@ -57,20 +56,15 @@ fn said(whose: &str, held: &[(usize, usize); LEADS.len()]) -> Vec<Row> {
 
 /// Forecasts that held what came, and all of them, by lead.
 fn shares(room: &Room, window: &Window, part: Part) -> Result<[(usize, usize); LEADS.len()], Failure> {
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let site = Site { location: Some(room.place), ..Site::default() };
-    let wrong = |error: &dyn std::fmt::Display| Failure::Error(format!("{}: {error}", room.name));
-    let base: ModelId = room.model.parse().map_err(|error| wrong(&error))?;
     // What is known to drive the room belongs to its model.
-    let model = room.drivers.first().map_or(base.clone(), |driver| base.plus(driver));
-    let request = asked(part)?;
-    let problem = prepare(&catalogue, &model, &request, window, &site).map_err(|found| faults(&found))?;
-    let fit = estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))?;
+    let model = model_of(room, room.drivers.first())?;
+    let FittedPart { catalogue, problem, fit, .. } =
+        FittedPart::by(&model, &asked(part)?, room, window, part)?;
     let end = window.to().min(part.to() + HOUR * 24 * super::DAYS);
     let until = window.slice(window.from(), end).map_err(|found| faults(&found))?;
     let replay =
         Replay::new(&catalogue, &fit, &until, Some(end), &Brake::NONE).map_err(|found| faults(&found))?;
-    let truth = until.series("T_room").ok_or_else(|| wrong(&"there is no room temperature"))?;
+    let truth = until.series("T_room").ok_or_else(|| failed(room, part, &"there is no room temperature"))?;
     let step = Duration::from_millis(problem.grid().step());
     let half = step.millis() / 2;
     let origins: Vec<i64> = (0..).map(|k| part.to() + k * EVERY * HOUR).take_while(|at| *at < end).collect();

@@ -3,17 +3,15 @@
 
 use super::super::row::Row;
 use super::rooms::Room;
-use super::{MeasuredRooms, Part, asked, failed, parts};
-use lampyris::cli::{Failure, faults};
+use super::{FittedPart, MeasuredRooms, Part, asked, failed, model_of, parts};
+use lampyris::cli::Failure;
 use lampyris_core::data::Window;
 use lampyris_core::estimate::problem::prior::Prior;
-use lampyris_core::estimate::{Control, EstimateRequest, Fit, Site, estimate, prepare};
-use lampyris_core::model::{Catalogue, ModelId};
+use lampyris_core::estimate::{EstimateRequest, Fit};
+use lampyris_core::model::ModelId;
 use rayon::prelude::*;
 use serde_json::json;
 
-/// What the days of a window are for: the last are seen by no fit.
-const SPLIT: [(&str, &str); 3] = [("train", "P7D"), ("validation", "P2D"), ("test", "P5D")];
 /// Windows of each room, the first ones.
 const WINDOWS: usize = 6;
 const SEEDS: [u64; 2] = [1, 2];
@@ -38,11 +36,10 @@ pub fn run(asked: &Arguments) -> Result<Vec<Row>, Failure> {
     for room in asked.measured.rooms() {
         let Some(driver) = room.drivers.first() else { continue };
         let window = asked.measured.window(room)?;
-        let base: ModelId =
-            room.model.parse().map_err(|error| Failure::Error(format!("{}: {error}", room.name)))?;
+        let (without, with) = (model_of(room, None)?, model_of(room, Some(driver))?);
         let usual = parts(room, &window).into_iter().filter(|part| !part.whole).take(WINDOWS);
-        let both: Vec<(Part, ModelId, bool)> =
-            usual.flat_map(|part| [(part, base.clone(), false), (part, base.plus(driver), true)]).collect();
+        let both: Vec<(Part, &ModelId, bool)> =
+            usual.flat_map(|part| [(part, &without, false), (part, &with, true)]).collect();
         let fitted: Result<Vec<Compared>, Failure> = both
             .par_iter()
             .map(|(part, model, is_complete)| {
@@ -63,21 +60,15 @@ fn fits(
     model: &ModelId,
     prior: &Prior,
 ) -> Result<Vec<Fit>, Failure> {
-    let wrong = |error: &dyn std::fmt::Display| failed(room, part, error);
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
-    let site = Site { location: Some(room.place), ..Site::default() };
-    let split = SPLIT.iter().map(|(name, length)| ((*name).to_owned(), json!(length))).collect();
-    let split = serde_json::from_value(serde_json::Value::Object(split)).map_err(|error| wrong(&error))?;
+    // The last days are seen by no fit.
+    let split = serde_json::from_value(json!({ "train": "P7D", "validation": "P2D", "test": "P5D" }))
+        .map_err(|error| failed(room, part, &error))?;
     let mut request = EstimateRequest { split, prior: prior.clone(), ..asked(part)? };
-    SEEDS
-        .iter()
-        .map(|seed| {
-            request.method.seed = *seed;
-            let problem =
-                prepare(&catalogue, model, &request, window, &site).map_err(|found| faults(&found))?;
-            estimate(&problem, &request, None, &Control::NONE).map_err(|error| wrong(&error))
-        })
-        .collect()
+    let mut fit = |seed: &u64| {
+        request.method.seed = *seed;
+        Ok(FittedPart::by(model, &request, room, window, part)?.fit)
+    };
+    SEEDS.iter().map(&mut fit).collect()
 }
 
 fn rows(compared: &[Compared]) -> Vec<Row> {
