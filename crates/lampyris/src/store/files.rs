@@ -99,12 +99,14 @@ impl Files {
         Ok(Some(files))
     }
 
-    /// Says what is wrong with the files, if anything is.
+    /// Says what is wrong with the files, if anything is: with the database first, because SQLite itself removes
+    /// the log of one that is empty.
     pub(super) fn check(&mut self) -> Result<(), String> {
-        for opened in [&self.database, &self.log, &self.index] {
+        self.database.require_name()?;
+        self.require_header()?;
+        for opened in [&self.log, &self.index] {
             opened.require_name()?;
         }
-        self.require_header()?;
         self.require_log()
     }
 
