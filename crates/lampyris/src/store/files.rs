@@ -99,8 +99,8 @@ impl Files {
         Ok(Some(files))
     }
 
-    /// Says what is wrong with the files, if anything is: with the database first, because SQLite itself removes
-    /// the log of one that is empty.
+    /// Says what is wrong with the files, if anything is: with the database first, because SQLite itself
+    /// removes the log of one that is empty.
     pub(super) fn check(&mut self) -> Result<(), String> {
         self.database.require_name()?;
         self.require_header()?;
