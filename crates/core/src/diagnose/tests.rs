@@ -242,7 +242,7 @@ fn a_diagnosis_that_is_called_off_ends_where_it_is() {
     for climbs in [false, true] {
         let (all, end) = asked(usize::MAX, climbs);
         assert_eq!(end, None);
-        for percent in [0, 10, 50, 90] {
+        for percent in [0, 1, 10, 30, 50, 70, 90] {
             let most = all * percent / 100;
             let (times, end) = asked(most, climbs);
             println!("called off after {most} of {all} times: {} more", times - most);

@@ -34,9 +34,15 @@ fn sound(dir: &Path) -> PathBuf {
 /// What happens to files, as a sentence that `/readyz` then says.
 type Accident = (&'static str, fn(&Path));
 
-const ACCIDENTS: [Accident; 9] = [
+const ACCIDENTS: [Accident; 10] = [
     ("the database was removed", |path| fs::remove_file(path).unwrap()),
     ("the database was truncated", |path| drop(File::create(path).unwrap())),
+    // Whoever reads an empty database takes it for a new one, and removes the log of another beside it.
+    ("the database was truncated", |path| {
+        drop(File::create(path).unwrap());
+        rows(path, "SELECT name FROM sqlite_schema");
+        assert!(!beside(path, "-wal").exists());
+    }),
     ("the database was truncated", |path| {
         File::options().write(true).open(path).unwrap().set_len(8192).unwrap()
     }),
