@@ -106,17 +106,16 @@ impl Kalman<'_> {
 
     /// The process noise that makes the innovations of samples `0..until` most likely, between 1e-3 and 3
     /// units per square root of an hour: eight side by side, eight more from one neighbour of the best one to
-    /// the other, then the peak of a parabola through the best three of those. The first time all have the
-    /// slopes where the middle one is: noises move the states by little.
+    /// the other, then the peak of a parabola through the best three of those. All have the slopes where the
+    /// middle one is: noises move the states by little.
     pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
-        let likelihoods = |logarithms: &[f64; TRIED], round: usize| -> [f64; TRIED] {
+        let likelihoods = |logarithms: &[f64; TRIED]| -> [f64; TRIED] {
             let noise = |logarithm: &f64| Noise {
                 process: vec![logarithm.exp(); self.initial.len()],
                 measurement: measurement.to_vec(),
             };
             let noises: Vec<Noise> = logarithms.iter().map(noise).collect();
-            let walk = self.walk::<TRIED>(&[theta], &noises);
-            let mut walk = if round == 0 { walk.with_common_slopes() } else { walk };
+            let mut walk = self.walk::<TRIED>(&[theta], &noises).with_common_slopes();
             let mut found = [0.0; TRIED];
             self.pass(until, &mut walk, &mut found, |_, _| ());
             found.map(|likelihood| if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY })
@@ -124,10 +123,10 @@ impl Kalman<'_> {
         let [low, high] = PROCESS_NOISE.map(f64::ln);
         let (mut from, mut to) = (low, high);
         let mut tried: Vec<(f64, f64)> = Vec::new();
-        for round in 0..ROUNDS {
+        for _ in 0..ROUNDS {
             let step = (to - from) / (TRIED - 1) as f64;
             let logarithms: [f64; TRIED] = std::array::from_fn(|place| from + place as f64 * step);
-            tried = logarithms.into_iter().zip(likelihoods(&logarithms, round)).collect();
+            tried = logarithms.into_iter().zip(likelihoods(&logarithms)).collect();
             let best = peak(&tried).map_or(0.5 * (low + high), |best| best.0);
             (from, to) = ((best - step).max(low), (best + step).min(high));
         }

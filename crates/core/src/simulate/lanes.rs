@@ -50,8 +50,9 @@ impl<'t, const W: usize> LaneFile<'t, W> {
     #[inline]
     pub fn share(&mut self, row: &[f64]) {
         let start = self.tape.shared_start();
-        for (register, value) in self.registers[start..].iter_mut().zip(row) {
-            register.0 = [*value; W];
+        let registers = &mut self.registers[start..start + row.len()];
+        for (place, value) in row.iter().enumerate() {
+            registers[place].0 = [*value; W];
         }
     }
 
