@@ -15,24 +15,37 @@ const WORKERS: usize = 4;
 /// How many times as much a claim may cost where ten times as many wait.
 const AS_MUCH: f64 = 2.0;
 
-/// What a claim reads is counted, which no busy machine changes; its time binds where the machine is quiet.
 #[test]
 fn a_claim_costs_the_same_however_many_jobs_wait() {
-    let Some(fleet) = Fleet::new() else { return };
-    let (few, many) = if full() { (10_000, 100_000) } else { (1_000, 10_000) };
+    let Some(ratio) = times_as_long(1_000, 10_000) else { return };
+    println!("FLEET: p99 of a claim is {ratio:.2} times as long (target {AS_MUCH})");
+}
+
+#[test]
+#[ignore = "its time binds where the machine does nothing else"]
+fn a_claim_takes_as_long_however_many_jobs_wait() {
+    let Some(ratio) = times_as_long(10_000, 100_000) else { return };
+    println!("FLEET: alone, p99 of a claim is {ratio:.2} times as long (limit {AS_MUCH})");
+    assert!(ratio <= AS_MUCH, "{ratio}");
+}
+
+/// How many times as long the slowest claims take where many jobs wait as where a few do. What they read is
+/// counted, which no busy machine changes, and stays the same; no transaction is long.
+fn times_as_long(few: usize, many: usize) -> Option<f64> {
+    let fleet = Fleet::new()?;
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.block_on(async { Store::open(&fleet.place, None).await.unwrap().close().await });
-    let ended = Arc::new(AtomicBool::new(false));
-    let longest = std::thread::spawn({
-        let (place, ended) = (fleet.place.clone(), ended.clone());
-        move || longest_transaction(&place, &ended)
-    });
     let systems = format!(
         "INSERT INTO systems (system, model, document, created_at, updated_at) SELECT 'room/' || n, 'rc1', '{{}}', 0, 0 \
         FROM generate_series(0, {}) n",
         many + CLAIMS
     );
     fleet.rows(&systems);
+    let ended = Arc::new(AtomicBool::new(false));
+    let longest = std::thread::spawn({
+        let (place, ended) = (fleet.place.clone(), ended.clone());
+        move || longest_transaction(&place, &ended)
+    });
     let of_few = waiting(&fleet, &runtime, 0..few + CLAIMS);
     let of_many = waiting(&fleet, &runtime, few + CLAIMS..many + CLAIMS);
     ended.store(true, Ordering::Relaxed);
@@ -43,9 +56,7 @@ fn a_claim_costs_the_same_however_many_jobs_wait() {
     let reads = of_many.rows / of_few.rows;
     println!("FLEET: a claim reads {reads:.2} times as many rows (limit {AS_MUCH})");
     assert!(reads <= AS_MUCH, "{} rows where {few} wait, {} where {many} do", of_few.rows, of_many.rows);
-    let ratio = of_many.time.as_secs_f64() / of_few.time.as_secs_f64();
-    println!("FLEET: p99 of a claim is {ratio:.2} times as long (target {AS_MUCH})");
-    assert!(!full() || ratio <= AS_MUCH, "{:?} and {:?}", of_few.time, of_many.time);
+    Some(of_many.time.as_secs_f64() / of_few.time.as_secs_f64())
 }
 
 /// What a claim costs: the 99th percentile of its time, and the rows and entries of indexes that are read

@@ -158,10 +158,13 @@ impl House {
         // The last night came before noon, and forgot what was older by then.
         let oldest = now - SignedDuration::from_hours(24 * i64::from(KEPT_DAYS) + 12);
         let mut held = BTreeSet::new();
-        // The newest come first.
+        let instant = |job: &Value, of: &str| job[of].as_str().unwrap().parse::<Timestamp>().unwrap();
+        // The newest come first. A night forgets when it begins, and what it finds itself comes behind that.
+        let begun = instant(&jobs[0], "created_at");
         for job in &jobs {
-            let ended: Timestamp = job["ended_at"].as_str().unwrap().parse().unwrap();
-            let is_newest_held = job["outcome"] == "held" && held.insert(job["system"].as_str().unwrap());
+            let ended = instant(job, "ended_at");
+            let is_newest_held =
+                job["outcome"] == "held" && ended < begun && held.insert(job["system"].as_str().unwrap());
             assert!(
                 ended > oldest || is_newest_held || served.contains(job["id"].as_str().unwrap()),
                 "{job} is kept for nothing"
