@@ -51,6 +51,7 @@ impl<'t, const W: usize> LaneFile<'t, W> {
     pub fn share(&mut self, row: &[f64]) {
         let start = self.tape.shared_start();
         let registers = &mut self.registers[start..start + row.len()];
+        // By place: the parts of `zip` are calls where a crate has several units.
         for (place, value) in row.iter().enumerate() {
             registers[place].0 = [*value; W];
         }
