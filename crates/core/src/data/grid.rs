@@ -2,6 +2,7 @@
 
 use super::duration::HOUR;
 use std::ops::Range;
+use std::sync::Arc;
 
 use indexmap::IndexMap;
 
@@ -11,13 +12,13 @@ use crate::fault::{Fault, nearest};
 /// The values of one channel on a grid. Every value is finite; `valid` says which stand for a measurement.
 ///
 /// At an invalid index stands the last valid value before it (or the first after, at the start), so that a
-/// simulation can run on through a gap while no cost is counted there.
+/// simulation can run on through a gap while no cost is counted there. Copies share the values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
     unit: String,
     hold: Hold,
-    values: Vec<f64>,
-    valid: Vec<bool>,
+    values: Arc<[f64]>,
+    valid: Arc<[bool]>,
 }
 
 impl Column {
@@ -37,7 +38,12 @@ impl Column {
                 format!("the value at index {index} is not finite"),
             ));
         }
-        Ok(Self { unit: canonical_unit(unit).to_owned(), hold, values, valid })
+        Ok(Self {
+            unit: canonical_unit(unit).to_owned(),
+            hold,
+            values: values.into(),
+            valid: valid.into(),
+        })
     }
 
     /// A column that is valid throughout.
@@ -87,6 +93,11 @@ impl Column {
         &self.valid
     }
 
+    /// Both, for whoever keeps them.
+    pub fn shared(&self) -> (Arc<[f64]>, Arc<[bool]>) {
+        (self.values.clone(), self.valid.clone())
+    }
+
     /// The share of valid values, from 0 to 1; 0 for an empty column.
     pub fn valid_share(&self) -> f64 {
         share(self.valid.iter().copied(), self.valid.len())
@@ -96,8 +107,8 @@ impl Column {
         Self {
             unit: self.unit.clone(),
             hold: self.hold,
-            values: self.values[range.clone()].to_vec(),
-            valid: self.valid[range].to_vec(),
+            values: self.values[range.clone()].into(),
+            valid: self.valid[range].into(),
         }
     }
 

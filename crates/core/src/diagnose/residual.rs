@@ -7,19 +7,17 @@
 use crate::estimate::Problem;
 use crate::estimate::problem::whiten::{Ar, stride};
 use crate::simulate::Trajectory;
+use crate::simulate::trajectory::MeasuredOutput;
 use std::ops::Range;
 
 /// Measured minus simulated of every output at every sample, each in its weight; only the usable samples mean
 /// anything.
 pub fn residuals(problem: &Problem, run: &Trajectory) -> Vec<Vec<f64>> {
-    let weight = |output: usize| 1.0 / problem.scale(output);
-    let measured = problem.measured();
-    let outputs = run.outputs.iter().zip(measured).enumerate();
-    outputs
-        .map(|(output, (simulated, (y, _)))| {
-            y.iter().zip(simulated).map(|(y, x)| (y - x) * weight(output)).collect()
-        })
-        .collect()
+    let of_output = |(output, (simulated, (y, _))): (usize, (&Vec<f64>, MeasuredOutput))| {
+        let weight = 1.0 / problem.scale(output);
+        y.iter().zip(simulated).map(|(y, x)| (y - x) * weight).collect()
+    };
+    run.outputs.iter().zip(problem.measured()).enumerate().map(of_output).collect()
 }
 
 /// The samples of a part at which each output means something.

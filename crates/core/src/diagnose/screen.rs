@@ -207,7 +207,8 @@ impl<'a> Screen<'a> {
         let statistic = -n * (-explained).ln_1p();
         let sign = step.iter().any(|value| sign_allows(candidate.spec.sign, *value));
         let first = left.column(0);
-        let direction = first.iter().map(|value| value / first.norm().max(f64::MIN_POSITIVE)).collect();
+        let length = first.norm().max(f64::MIN_POSITIVE);
+        let direction = first.iter().map(|value| value / length).collect();
         Ok(Score {
             statistic,
             net: statistic - k as f64 * n.ln(),

@@ -167,31 +167,37 @@ pub struct Tape {
 
 impl Tape {
     /// The register of the step length.
+    #[inline]
     pub fn step_register(&self) -> usize {
         self.parameters
     }
 
     /// The first candidate value.
+    #[inline]
     pub fn candidate_start(&self) -> usize {
         self.parameters + 1 + self.constants.len()
     }
 
     /// The first shared value.
+    #[inline]
     pub fn shared_start(&self) -> usize {
         self.candidate_start() + self.candidate.len()
     }
 
     /// The first delayed input.
+    #[inline]
     pub fn delayed_start(&self) -> usize {
         self.shared_start() + self.shared.columns.len()
     }
 
     /// The first state.
+    #[inline]
     pub fn state_start(&self) -> usize {
         self.delayed_start() + self.delayed.len()
     }
 
     /// The first step value.
+    #[inline]
     pub fn step_start(&self) -> usize {
         self.state_start() + self.states
     }

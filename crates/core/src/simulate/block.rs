@@ -184,7 +184,7 @@ impl<'a, const W: usize> Block<'a, W> {
     fn arrive(&mut self, lane: usize, sample: usize) {
         let simulator = self.simulator;
         for k in sample..self.until {
-            if k > 0 && !simulator.known[k - 1] && simulator.known[k] {
+            if k > 0 && !simulator.inputs().known(k - 1) && simulator.inputs().known(k) {
                 for (state, start) in simulator.restarts(k) {
                     self.vectors.place(lane, state, start);
                 }
@@ -192,11 +192,12 @@ impl<'a, const W: usize> Block<'a, W> {
             if self.note(lane, k) {
                 return self.leave(lane, true);
             }
-            if k + 1 < self.until && simulator.known[k] {
-                simulator.drive.load_lane(&mut self.file, lane, k, 0);
+            if k + 1 < self.until && simulator.inputs().known(k) {
+                let drive = simulator.drive();
+                drive.load_lane(&mut self.file, lane, k, 0);
                 let before = self.clocks[lane].sample;
-                let same = before.is_some_and(|before| before + 1 == k && simulator.drive.same(before, k));
-                return self.clocks[lane].begin(Some(k), simulator.step_hours, !same);
+                let same = before.is_some_and(|before| before + 1 == k && drive.same(before, k));
+                return self.clocks[lane].begin(Some(k), simulator.step_hours(), !same);
             }
         }
         self.leave(lane, false);
@@ -215,7 +216,7 @@ impl<'a, const W: usize> Block<'a, W> {
                 run.states[state].push(value);
             }
         }
-        self.simulator.output_drive.load(&mut self.out, k, 0);
+        self.simulator.output_drive().load(&mut self.out, k, 0);
         self.out.step();
         for (output, series) in run.outputs.iter_mut().enumerate() {
             series.push(self.out.root(output)[0]);

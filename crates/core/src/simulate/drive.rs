@@ -16,12 +16,13 @@ use std::sync::Arc;
 /// The inputs of a model on a grid, in the units of its equations.
 ///
 /// A delayed input needs its past: an interval is known where the input was known as far back as the longest
-/// delay that the model declares. At the start of a window that past is missing, as it is behind a gap.
+/// delay that the model declares. At the start of a window that past is missing, as it is behind a gap. Copies
+/// share the values.
 #[derive(Debug, Clone)]
 pub struct Inputs {
-    columns: Vec<(InputHold, Vec<f64>)>,
+    columns: Vec<(InputHold, Arc<[f64]>)>,
     /// Whether all inputs are known from sample `k` to sample `k + 1`.
-    known: Vec<bool>,
+    known: Arc<[bool]>,
     hours: f64,
     /// The samples over whose mean a warm-up goes that takes the record's own.
     averaged: Range<usize>,
@@ -68,13 +69,14 @@ impl Inputs {
                 run = if measured { run + 1 } else { 0 };
                 *known &= run > reach;
             }
-            columns.push((
-                input.hold,
-                column.values().iter().map(|value| convert(*value).unwrap_or(*value)).collect(),
-            ));
+            let values = match column.unit() == wanted {
+                true => column.shared().0,
+                false => column.values().iter().map(|value| convert(*value).unwrap_or(*value)).collect(),
+            };
+            columns.push((input.hold, values));
         }
         if faults.is_empty() {
-            Ok(Self { columns, known, hours: grid.step_hours(), averaged: 0..grid.len() })
+            Ok(Self { columns, known: known.into(), hours: grid.step_hours(), averaged: 0..grid.len() })
         } else {
             Err(faults)
         }
@@ -89,17 +91,17 @@ impl Inputs {
     /// The constant inputs of a model's warm-up, over one interval of so many hours.
     pub fn of_warm_up(&self, warm_up: &WarmUp, hours: f64) -> Self {
         let samples: Vec<usize> = self.averaged.clone().filter(|k| self.known(*k)).collect();
-        let constant = |((hold, values), held): (&(InputHold, Vec<f64>), &Held)| {
+        let constant = |((hold, values), held): (&(InputHold, Arc<[f64]>), &Held)| {
             let value = match held {
                 Held::Value(value) => *value,
                 Held::First => values.first().copied().unwrap_or(f64::NAN),
                 Held::Mean => samples.iter().map(|k| values[*k]).sum::<f64>() / samples.len() as f64,
             };
-            (*hold, vec![value; 2])
+            (*hold, [value; 2].into())
         };
         Self {
             columns: self.columns.iter().zip(&warm_up.inputs).map(constant).collect(),
-            known: vec![true],
+            known: [true].into(),
             hours,
             averaged: 0..2,
         }
@@ -116,20 +118,20 @@ impl Inputs {
     pub fn from_columns(model: &Model, columns: Vec<Vec<f64>>, hours: f64) -> Self {
         let intervals = columns.iter().map(Vec::len).min().unwrap_or(1).saturating_sub(1);
         let columns =
-            model.inputs().iter().zip(columns).map(|(input, values)| (input.hold, values)).collect();
-        Self { columns, known: vec![true; intervals], hours, averaged: 0..intervals }
+            model.inputs().iter().zip(columns).map(|(input, values)| (input.hold, values.into())).collect();
+        Self { columns, known: vec![true; intervals].into(), hours, averaged: 0..intervals }
     }
 
     /// Inputs of a model that has none, for so many samples.
     #[cfg(test)]
     pub(super) fn from_columns_with_length(model: &Model, samples: usize, hours: f64) -> Self {
-        Self { known: vec![true; samples - 1], ..Self::from_columns(model, Vec::new(), hours) }
+        Self { known: vec![true; samples - 1].into(), ..Self::from_columns(model, Vec::new(), hours) }
     }
 
     /// Makes the inputs unknown over these intervals.
     #[cfg(test)]
     pub(super) fn forget(&mut self, intervals: Range<usize>) {
-        self.known[intervals].fill(false);
+        Arc::make_mut(&mut self.known)[intervals].fill(false);
     }
 
     /// The same inputs, unknown as well over the intervals at which `known` is false.
@@ -182,7 +184,7 @@ impl Inputs {
     #[must_use]
     pub fn with_values(&self, input: usize, values: Vec<f64>) -> Self {
         let mut inputs = self.clone();
-        inputs.columns[input].1 = values;
+        inputs.columns[input].1 = values.into();
         inputs
     }
 
@@ -198,20 +200,29 @@ impl Inputs {
         value_at(*hold, values, position)
     }
 
-    fn slope(&self, input: usize, k: usize) -> f64 {
+    /// What a leaf is in each of these steps: of a sample's interval, and so far into it.
+    #[inline]
+    fn leaf(&self, leaf: SharedLeaf, at: &[(usize, f64)], of_step: f64, into: &mut [f64]) {
+        let (SharedLeaf::Slope(input) | SharedLeaf::Input(input, _)) = leaf;
         let (hold, values) = &self.columns[input];
-        match hold {
-            InputHold::Linear if k + 1 < values.len() => (values[k + 1] - values[k]) / self.hours,
-            _ => 0.0,
-        }
-    }
-
-    /// The value of an input `fraction` of the way from sample `k` to the next.
-    fn value(&self, input: usize, k: usize, fraction: f64) -> f64 {
-        let (hold, values) = &self.columns[input];
-        match hold {
-            InputHold::Linear if k + 1 < values.len() => values[k] + (values[k + 1] - values[k]) * fraction,
-            _ => values[k],
+        let last = values.len().saturating_sub(1);
+        // What is linear ends at the last sample.
+        let rise = |k: usize| values[(k + 1).min(last)] - values[k];
+        let pairs = into.iter_mut().zip(at);
+        match (leaf, hold) {
+            (SharedLeaf::Slope(_), InputHold::Linear) => {
+                pairs.for_each(|(value, (k, _))| *value = rise(*k) / self.hours);
+            }
+            (SharedLeaf::Slope(_), InputHold::ZeroOrder) => into.fill(0.0),
+            (SharedLeaf::Input(_, point), InputHold::Linear) => {
+                let offset = offset(point);
+                pairs.for_each(|(value, (k, step))| {
+                    *value = values[*k] + rise(*k) * ((step + offset) / of_step);
+                });
+            }
+            (SharedLeaf::Input(..), InputHold::ZeroOrder) => {
+                pairs.for_each(|(value, (k, _))| *value = values[*k]);
+            }
         }
     }
 }
@@ -223,9 +234,9 @@ pub fn samples_back(delay_hours: f64, sample_hours: f64) -> usize {
 }
 
 /// The shared columns of a tape for every step of a window, and the past of the inputs that it delays.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Drive {
-    rows: Arc<[f64]>,
+    rows: Vec<f64>,
     width: usize,
     steps: usize,
     delayed: Vec<Past>,
@@ -233,10 +244,10 @@ pub struct Drive {
 }
 
 /// A delayed input of a tape.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 struct Past {
     hold: InputHold,
-    values: Vec<f64>,
+    values: Arc<[f64]>,
     /// How far into the step the delay is counted back from.
     offset: f64,
 }
@@ -284,29 +295,21 @@ impl Drive {
         let stage = &tape.shared;
         let width = stage.columns.len();
         let all = inputs.samples() * steps;
-        let mut rows = vec![0.0; all * width];
+        let mut rows = Vec::with_capacity(all * width);
         let evaluator = shared_tape(stage);
         let mut file = LaneFile::<LANES>::new(&evaluator);
         // A lane for every step: they depend on nothing but their inputs.
         for first in (0..all).step_by(LANES) {
             let lanes = LANES.min(all - first);
-            for (index, source) in stage.sources.iter().enumerate() {
-                let values = file.state(index);
-                for (lane, value) in values.iter_mut().enumerate().take(lanes) {
-                    let (k, step) = ((first + lane) / steps, (first + lane) % steps);
-                    *value = match *source {
-                        SharedLeaf::Slope(input) => inputs.slope(input, k),
-                        SharedLeaf::Input(input, point) => {
-                            inputs.value(input, k, (step as f64 + offset(point)) / steps as f64)
-                        }
-                    };
-                }
+            let at: [(usize, f64); LANES] =
+                std::array::from_fn(|lane| ((first + lane) / steps, ((first + lane) % steps) as f64));
+            for (index, leaf) in stage.sources.iter().enumerate() {
+                inputs.leaf(*leaf, &at[..lanes], steps as f64, &mut file.state(index)[..lanes]);
             }
             file.step();
-            for column in 0..width {
-                for (lane, value) in file.root(column).iter().enumerate().take(lanes) {
-                    rows[(first + lane) * width + column] = *value;
-                }
+            let columns: Vec<&[f64; LANES]> = (0..width).map(|column| file.root(column)).collect();
+            for lane in 0..lanes {
+                rows.extend(columns.iter().map(|values| values[lane]));
             }
         }
         let past = |delayed: &DelayedInput| {
@@ -314,7 +317,7 @@ impl Drive {
             Past { hold, values, offset: offset(delayed.point) }
         };
         Self {
-            rows: rows.into(),
+            rows,
             width,
             steps,
             delayed: tape.delayed.iter().map(past).collect(),

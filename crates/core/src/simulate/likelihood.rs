@@ -29,7 +29,7 @@ const KEPT: usize = 8;
 
 /// The likelihood of one model on one window. A point of it is a vector of parameters, then a diffusion per
 /// state, per square root of an hour, then a standard deviation per output.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Likelihood<'a> {
     simulator: &'a Simulator,
     field: Tape,

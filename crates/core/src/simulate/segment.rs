@@ -74,7 +74,7 @@ impl Simulator {
             }
             output_drive.load(&mut out, k, 0);
             out.step();
-            if k + 1 < along.len() && self.known[k] {
+            if k + 1 < along.len() && self.inputs().known(k) {
                 for step in 0..substeps {
                     drive.load(&mut file, k, step);
                     file.step();

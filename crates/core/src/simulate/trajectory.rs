@@ -10,36 +10,36 @@ use crate::interrupt::{Brake, Meter};
 use crate::model::tape::Tape;
 use crate::model::{Initial, Model, Stepper};
 use std::ops::Range;
+use std::sync::{Arc, OnceLock};
 
 /// A state farther from zero than this has left physics: the candidate has diverged.
 const RUNAWAY: f64 = 1e6;
 /// Samples between two looks at whether a whole block has diverged, or is not wanted any more.
 const PATROL: usize = 32;
 
-/// A model on the inputs of a window, ready to simulate any parameter vector.
+/// A model on the inputs of a window, ready to simulate any parameter vector. Copies share what is large.
 #[derive(Debug, Clone)]
 pub struct Simulator {
     pub(super) stepper: Stepper,
-    pub(super) step: Tape,
-    pub(super) output: Tape,
-    pub(super) drive: Drive,
-    pub(super) output_drive: Drive,
+    pub(super) step: Arc<Tape>,
+    pub(super) output: Arc<Tape>,
+    inputs: Inputs,
+    /// What steps and outputs read of the inputs, from when it is first wanted.
+    drive: Arc<OnceLock<Drive>>,
+    output_drive: Arc<OnceLock<Drive>>,
     pub(super) initial: Vec<Initial>,
     /// Measured starts per output: the mean of the first three valid samples from each sample on, unless the
     /// first of them is known better.
     starts: Vec<Vec<Option<f64>>>,
-    pub(super) known: Vec<bool>,
     substeps: usize,
     /// Whether steps that every candidate finds for itself are only as exact as a search needs them.
     is_loose: bool,
-    /// Hours of a step; of a whole interval where every candidate finds its own steps.
-    pub(super) step_hours: f64,
-    pub(super) warm_up: Option<WarmUpDrive>,
+    pub(super) warm_up: Option<Arc<WarmUpDrive>>,
     pub(super) brake: Brake,
 }
 
 /// What comes before the first sample.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct WarmUpDrive {
     /// Its constant inputs.
     pub drive: Drive,
@@ -77,27 +77,27 @@ impl Simulator {
         substeps: usize,
     ) -> Self {
         let step = step_tape(model, stepper);
-        let output = output_tape(model);
-        let steps = steps(stepper, substeps, false);
-        let warm_up = model.warm_up().map(|warm_up| {
-            let inputs = inputs.of_warm_up(warm_up, warm_up.hours);
-            WarmUpDrive { drive: Drive::new(&step, &inputs, 1), hours: warm_up.hours }
-        });
         Self {
             stepper,
-            warm_up,
-            drive: Drive::new(&step, inputs, steps),
-            output_drive: Drive::new(&output, inputs, 1),
-            step,
-            output,
+            warm_up: warm_up(model, &step, inputs),
+            step: step.into(),
+            output: output_tape(model).into(),
+            inputs: inputs.clone(),
+            drive: Arc::default(),
+            output_drive: Arc::default(),
             initial: model.states().iter().map(|state| state.initial).collect(),
-            starts: measured.iter().map(|(values, valid)| measured_starts(values, valid)).collect(),
-            known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
+            starts: starts(measured),
             substeps,
             is_loose: false,
-            step_hours: inputs.hours() / steps as f64,
             brake: Brake::NONE,
         }
+    }
+
+    /// The same model, as it was made from, on other inputs and measurements.
+    #[must_use]
+    pub fn over(&self, model: &Model, inputs: &Inputs, measured: &[MeasuredOutput], substeps: usize) -> Self {
+        let (warm_up, starts) = (warm_up(model, &self.step, inputs), starts(measured));
+        Self { warm_up, starts, substeps, ..self.with_inputs(inputs) }
     }
 
     /// The same simulation under a brake, which its runs and the filters on it ask on their way: where it is
@@ -118,14 +118,14 @@ impl Simulator {
         self
     }
 
-    /// The same simulation on the same inputs in steps as exact as a search needs them, or as a prediction
-    /// does: loose steps that candidates find for themselves have a larger tolerance, others are twice as
-    /// long, unless they take a whole interval already.
+    /// The same simulation in steps as exact as a search needs them, or as a prediction does: loose steps
+    /// that candidates find for themselves have a larger tolerance, others are twice as long, unless they
+    /// take a whole interval already.
     #[must_use]
-    pub fn with_loose_steps(self, is_loose: bool, inputs: &Inputs) -> Self {
+    pub fn with_loose_steps(self, is_loose: bool) -> Self {
         let before = self.steps();
         let changed = Self { is_loose, ..self };
-        if changed.steps() == before { changed } else { changed.driven_by(inputs) }
+        if changed.steps() == before { changed } else { Self { drive: Arc::default(), ..changed } }
     }
 
     /// Whether its steps may be loose ones.
@@ -143,16 +143,31 @@ impl Simulator {
         &self.brake
     }
 
-    /// The same simulation under other inputs of the same grid. What is known stays as it was.
+    /// The same simulation under other inputs of the same grid, but for its warm-up.
     #[must_use]
     pub fn with_inputs(&self, inputs: &Inputs) -> Self {
-        Self { output_drive: Drive::new(&self.output, inputs, 1), ..self.clone() }.driven_by(inputs)
+        let (drive, output_drive) = Default::default();
+        Self { inputs: inputs.clone(), drive, output_drive, ..self.clone() }
     }
 
-    fn driven_by(self, inputs: &Inputs) -> Self {
-        let steps = self.steps();
-        let drive = Drive::new(&self.step, inputs, steps);
-        Self { drive, step_hours: inputs.hours() / steps as f64, ..self }
+    /// Its inputs.
+    pub fn inputs(&self) -> &Inputs {
+        &self.inputs
+    }
+
+    /// What a step reads of them.
+    pub(super) fn drive(&self) -> &Drive {
+        self.drive.get_or_init(|| Drive::new(&self.step, &self.inputs, self.steps()))
+    }
+
+    /// What the outputs read of them.
+    pub(super) fn output_drive(&self) -> &Drive {
+        self.output_drive.get_or_init(|| Drive::new(&self.output, &self.inputs, 1))
+    }
+
+    /// Hours of a step; of a whole interval where every candidate finds its own steps.
+    pub(super) fn step_hours(&self) -> f64 {
+        self.inputs.hours() / self.steps() as f64
     }
 
     /// How many steps it takes through an interval, or one where each candidate finds its own.
@@ -173,12 +188,12 @@ impl Simulator {
 
     /// How many samples a trajectory has.
     pub fn samples(&self) -> usize {
-        self.known.len()
+        self.inputs.samples()
     }
 
     /// Whether a simulated value at sample `k` is a prediction: some input interval leads to it.
     pub fn predicted(&self, k: usize) -> bool {
-        k == 0 || self.known[k - 1]
+        k == 0 || self.inputs.known(k - 1)
     }
 
     /// The measured start of an output: the mean of its first three valid samples, unless it is known better.
@@ -193,12 +208,12 @@ impl Simulator {
 
     /// The tape of the outputs and its inputs at every sample, for the Kalman filter.
     pub(super) fn output_parts(&self) -> (&Tape, &Drive) {
-        (&self.output, &self.output_drive)
+        (&self.output, self.output_drive())
     }
 
     /// The tape of one step and the sub-steps per sample, for the Kalman filter.
     pub(super) fn step_parts(&self) -> (&Tape, &Drive, usize, f64) {
-        (&self.step, &self.drive, self.steps(), self.step_hours)
+        (&self.step, self.drive(), self.steps(), self.step_hours())
     }
 
     pub(super) fn block<const W: usize>(
@@ -209,10 +224,12 @@ impl Simulator {
         halt: Halt,
     ) -> Vec<Trajectory> {
         let states = self.initial.len();
-        let (outputs, substeps) = (self.output.roots.len(), self.steps());
-        let mut file = LaneFile::<W>::new(&self.step);
-        file.load(thetas, self.step_hours);
-        let mut out = LaneFile::<W>::new(&self.output);
+        let (step_tape, drive, substeps, hours) = self.step_parts();
+        let (output_tape, output_drive) = self.output_parts();
+        let outputs = output_tape.roots.len();
+        let mut file = LaneFile::<W>::new(step_tape);
+        file.load(thetas, hours);
+        let mut out = LaneFile::<W>::new(output_tape);
         out.load(thetas, 0.0);
         let mut values: Vec<Vec<[f64; W]>> = vec![Vec::with_capacity(until); outputs];
         let mut kept: Vec<Vec<[f64; W]>> = vec![Vec::new(); states];
@@ -226,15 +243,15 @@ impl Simulator {
         let mut meter = Meter::new(&self.brake);
         let mut steps = self.warm_up(&mut file, thetas, &mut meter);
         for k in 0..until {
-            meter.add(W * (substeps * self.step.step.len() + self.output.step.len()));
-            if k > 0 && self.known[k - 1] {
+            meter.add(W * (substeps * step_tape.step.len() + output_tape.step.len()));
+            if k > 0 && self.inputs.known(k - 1) {
                 for step in 0..substeps {
-                    self.drive.load(&mut file, k - 1, step);
+                    drive.load(&mut file, k - 1, step);
                     file.step();
                     file.advance();
                 }
                 steps += substeps;
-            } else if k > 0 && self.known[k] {
+            } else if k > 0 && self.inputs.known(k) {
                 self.restarts(k).for_each(|(state, start)| *file.state(state) = [start; W]);
             }
             for state in 0..states {
@@ -248,7 +265,7 @@ impl Simulator {
                     kept[state].push(lane_values);
                 }
             }
-            self.output_drive.load(&mut out, k, 0);
+            output_drive.load(&mut out, k, 0);
             out.step();
             for (output, values) in values.iter_mut().enumerate() {
                 values.push(*out.root(output));
@@ -282,7 +299,7 @@ impl Simulator {
     /// many.
     fn warm_up<const W: usize>(&self, file: &mut LaneFile<W>, thetas: &[&[f64]], meter: &mut Meter) -> usize {
         let Some(warm_up) = &self.warm_up else { return 0 };
-        let steps = (warm_up.hours / self.step_hours - 1e-9).ceil().max(1.0) as usize;
+        let steps = (warm_up.hours / self.step_hours() - 1e-9).ceil().max(1.0) as usize;
         file.load(thetas, warm_up.hours / steps as f64);
         warm_up.drive.load(file, 0, 0);
         for _ in 0..steps {
@@ -290,7 +307,7 @@ impl Simulator {
             file.step();
             file.advance();
         }
-        file.load(thetas, self.step_hours);
+        file.load(thetas, self.step_hours());
         steps
     }
 
@@ -326,22 +343,32 @@ fn steps(stepper: Stepper, substeps: usize, is_loose: bool) -> usize {
     }
 }
 
-/// For every sample the mean of the first three valid samples from it on, within its next twelve.
-fn measured_starts(values: &[f64], valid: &[bool]) -> Vec<Option<f64>> {
-    (0..values.len())
-        .map(|k| {
+/// What comes before the first sample of a model that warms up, whose step has this tape.
+fn warm_up(model: &Model, step: &Tape, inputs: &Inputs) -> Option<Arc<WarmUpDrive>> {
+    let warm_up = model.warm_up()?;
+    let inputs = inputs.of_warm_up(warm_up, warm_up.hours);
+    Some(Arc::new(WarmUpDrive { drive: Drive::new(step, &inputs, 1), hours: warm_up.hours }))
+}
+
+/// For every output and sample the mean of the first three valid samples from it on, within its next twelve.
+fn starts(measured: &[MeasuredOutput]) -> Vec<Vec<Option<f64>>> {
+    let of_output = |(values, valid): &MeasuredOutput| {
+        let from = |k: usize| {
             // A record may begin in a gap of its sensor; then its first value, however late, is the best that
             // is known.
             let until = if k == 0 { values.len() } else { values.len().min(k + 12) };
-            let first = first_values(values, valid, k..until);
-            (!first.is_empty()).then(|| first.iter().sum::<f64>() / first.len() as f64)
-        })
-        .collect()
+            let first = || first_values(values, valid, k..until);
+            let count = first().count();
+            (count > 0).then(|| first().sum::<f64>() / count as f64)
+        };
+        (0..values.len()).map(from).collect()
+    };
+    measured.iter().map(of_output).collect()
 }
 
 /// The first three valid samples of a range, or as many as there are.
-pub fn first_values(values: &[f64], valid: &[bool], range: Range<usize>) -> Vec<f64> {
-    range.filter(|k| valid[*k]).take(3).map(|k| values[k]).collect()
+pub fn first_values(values: &[f64], valid: &[bool], range: Range<usize>) -> impl Iterator<Item = f64> {
+    range.filter(|k| valid[*k]).take(3).map(|k| values[k])
 }
 
 #[cfg(test)]
@@ -404,12 +431,12 @@ mod tests {
         let (values, valid) = (vec![20.0; 11], vec![true; 11]);
         let of = |substeps| Simulator::new(&model, &inputs, &[(&values, &valid)], Stepper::Ros2, substeps);
         let run = |simulator: &Simulator| simulator.run(&[&[0.7]], 11).swap_remove(0).outputs;
-        let (usual, loose) = (of(6), of(6).with_loose_steps(true, &inputs));
+        let (usual, loose) = (of(6), of(6).with_loose_steps(true));
         assert_eq!(run(&loose), run(&of(3)));
         assert_eq!(run(&loose.with_inputs(&inputs)), run(&of(3)));
         assert_eq!(loose.substeps(), 6);
-        assert_eq!(run(&loose.with_loose_steps(false, &inputs)), run(&usual));
-        assert!(!of(1).with_loose_steps(true, &inputs).has_loose_steps());
+        assert_eq!(run(&loose.with_loose_steps(false)), run(&usual));
+        assert!(!of(1).with_loose_steps(true).has_loose_steps());
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub struct Noise {
 }
 
 /// A Kalman filter for one model on one window.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Kalman<'a> {
     pub(super) simulator: &'a Simulator,
     pub(super) initial: Vec<Initial>,

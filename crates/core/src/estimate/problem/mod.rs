@@ -39,16 +39,20 @@ use objective::{Objective, ShapeDelta, Share, divisor};
 use predictor::Predictor;
 use prior::{KnownParameter, Prior};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Fewest samples to train on, of every output.
 const LEAST_SAMPLES: usize = 10;
 
+/// The values of an output, and which of them are valid.
+type MeasuredColumn = (Arc<[f64]>, Arc<[bool]>);
+
 /// An estimation problem. Full parameter vectors follow the model's order; free ones follow the space's.
+/// Copies share what is large.
 #[derive(Debug, Clone)]
 pub struct Problem {
-    model: Model,
+    model: Arc<Model>,
     grid: Grid,
-    inputs: Inputs,
     simulator: Simulator,
     split: Split,
     objective: Objective,
@@ -56,7 +60,7 @@ pub struct Problem {
     prior: Prior,
     /// Variance of the residual of the fit without a prior, as if it were white; the prior's weight.
     prior_variance: Option<f64>,
-    measured: Vec<(Vec<f64>, Vec<bool>)>,
+    measured: Vec<MeasuredColumn>,
     /// Estimated starts of the measured states, by channel.
     starts: IndexMap<String, f64>,
     /// Indices of the free parameters.
@@ -92,7 +96,7 @@ impl Problem {
         let mut measured = Vec::new();
         for output in model.outputs() {
             match grid.column(&output.channel) {
-                Some(column) => measured.push((column.values().to_vec(), column.valid().to_vec())),
+                Some(column) => measured.push(column.shared()),
                 None => faults.push(Fault::new(
                     format!("/channels/{}", output.channel),
                     "missing-channel",
@@ -112,9 +116,8 @@ impl Problem {
         let steps = substeps(model.stepper(), inputs.hours());
         let simulator = Simulator::new(&model, &inputs, &columns(&measured), model.stepper(), steps);
         let mut problem = Self {
-            model,
+            model: model.into(),
             grid,
-            inputs,
             simulator,
             split,
             objective: choices.objective,
@@ -205,7 +208,7 @@ impl Problem {
 
     /// The model's inputs on the grid.
     pub fn inputs(&self) -> &Inputs {
-        &self.inputs
+        self.simulator.inputs()
     }
 
     /// The simulator with the default stepper.
@@ -227,7 +230,7 @@ impl Problem {
     pub fn filter(&self) -> Option<Kalman<'_>> {
         match self.predictor() {
             Predictor::Filtered => {
-                Some(Kalman::new(&self.model, &self.simulator, &self.inputs, &self.measured()))
+                Some(Kalman::new(&self.model, &self.simulator, self.inputs(), &self.measured()))
             }
             Predictor::FreeRun => None,
         }
@@ -295,7 +298,8 @@ impl Problem {
 
     /// Over which intervals from one sample to the next all inputs are known.
     pub fn known(&self) -> Vec<bool> {
-        (0..self.inputs.samples().saturating_sub(1)).map(|k| self.inputs.known(k)).collect()
+        let inputs = self.inputs();
+        (0..inputs.samples().saturating_sub(1)).map(|k| inputs.known(k)).collect()
     }
 
     /// The full vector of a candidate.
@@ -475,8 +479,8 @@ impl Problem {
     }
 }
 
-fn columns(measured: &[(Vec<f64>, Vec<bool>)]) -> Vec<MeasuredOutput<'_>> {
-    measured.iter().map(|(values, valid)| (values.as_slice(), valid.as_slice())).collect()
+fn columns(measured: &[MeasuredColumn]) -> Vec<MeasuredOutput<'_>> {
+    measured.iter().map(|(values, valid)| (&**values, &**valid)).collect()
 }
 
 /// Mean of the squares; NaN for nothing.

@@ -28,7 +28,7 @@ impl Problem {
         };
         let start = |output: usize| {
             let (values, valid) = &self.measured[output];
-            let first = first_values(values, valid, 0..values.len());
+            let first: Vec<f64> = first_values(values, valid, 0..values.len()).collect();
             let n = first.len() as f64;
             let mean = first.iter().sum::<f64>() / n;
             let spread = first.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);

@@ -1,6 +1,6 @@
 //! The same problem, with one thing changed.
 
-use super::Problem;
+use super::{MeasuredColumn, Problem};
 use super::choices::Choices;
 use crate::data::{Grid, Split};
 use crate::estimate::problem::prior::Prior;
@@ -33,20 +33,19 @@ impl Problem {
     /// intervals at which `known` is false.
     #[must_use]
     pub fn aligned(&self, known: &[bool], steps: usize) -> Self {
-        let inputs = self.inputs.masked(known);
-        Self { simulator: self.simulator_over(&inputs, steps), inputs, ..self.clone() }
+        Self { simulator: self.simulator_over(&self.inputs().masked(known), steps), ..self.clone() }
     }
 
     /// The same problem with so many internal steps per sample.
     #[must_use]
     pub fn with_substeps(&self, steps: usize) -> Self {
-        Self { simulator: self.simulator_over(&self.inputs, steps), ..self.clone() }
+        Self { simulator: self.simulator_over(self.inputs(), steps), ..self.clone() }
     }
 
     /// The same problem in steps as exact as a search needs them, or as a prediction does.
     #[must_use]
     pub fn with_loose_steps(&self, is_loose: bool) -> Self {
-        Self { simulator: self.simulator.clone().with_loose_steps(is_loose, &self.inputs), ..self.clone() }
+        Self { simulator: self.simulator.clone().with_loose_steps(is_loose), ..self.clone() }
     }
 
     /// The same problem in loose steps of a given length, where they move the free run of these parameters by
@@ -69,7 +68,7 @@ impl Problem {
     pub fn coarser(&self) -> Option<Self> {
         let n = (COARSE_HOURS / self.grid.step_hours() + 1e-9) as usize;
         let stepper = self.model.stepper();
-        let is_refined = self.simulator.substeps() > substeps(stepper, self.inputs.hours());
+        let is_refined = self.simulator.substeps() > substeps(stepper, self.inputs().hours());
         if n < 2 || is_refined || stepper == Stepper::Rkc {
             return None;
         }
@@ -79,14 +78,14 @@ impl Problem {
         let split = Split { train, validation: part(&self.split.validation), test: part(&self.split.test) };
         let known: Vec<bool> = self.known().chunks(n).map(|known| known.iter().all(|known| *known)).collect();
         let inputs = Inputs::new(&self.model, &grid).ok()?.masked(&known).averaged_over(split.train.clone());
-        let every = |(values, valid): &(Vec<f64>, Vec<bool>)| {
+        let every = |(values, valid): &MeasuredColumn| {
             (values.iter().step_by(n).copied().collect(), valid.iter().step_by(n).copied().collect())
         };
-        let measured: Vec<(Vec<f64>, Vec<bool>)> = self.measured.iter().map(every).collect();
+        let measured: Vec<MeasuredColumn> = self.measured.iter().map(every).collect();
         // A term of the prior weighs as much beside fewer measurements.
         let prior_variance = self.prior_variance.map(|variance| variance / n as f64);
-        let coarse = Self { grid, split, inputs, measured, prior_variance, ..self.clone() };
-        let simulator = coarse.simulator_over(&coarse.inputs, 1);
+        let coarse = Self { grid, split, measured, prior_variance, ..self.clone() };
+        let simulator = coarse.simulator_over(&inputs, 1);
         let coarse = Self { simulator, ..coarse };
         let counts = |problem: &Self| -> Vec<usize> { problem.used().iter().map(Vec::len).collect() };
         let enough = |(fine, coarse): (usize, usize)| {
@@ -109,8 +108,8 @@ impl Problem {
     /// that of the record.
     #[must_use]
     pub fn averaged_over(&self, samples: Range<usize>) -> Self {
-        let inputs = self.inputs.clone().averaged_over(samples);
-        Self { simulator: self.simulator_over(&inputs, self.simulator.substeps()), inputs, ..self.clone() }
+        let inputs = self.inputs().clone().averaged_over(samples);
+        Self { simulator: self.simulator_over(&inputs, self.simulator.substeps()), ..self.clone() }
     }
 
     /// The same problem, whose measured states start at these values of their channels; those that are not
@@ -138,30 +137,28 @@ impl Problem {
     /// # Errors
     /// Every channel of the model that the grid does not have.
     pub fn on(&self, grid: Grid) -> Result<Self, Vec<Fault>> {
-        let column = |channel: &str| -> Result<_, Vec<Fault>> {
-            let column = grid.require(channel).map_err(|fault| vec![fault])?;
-            Ok((column.values().to_vec(), column.valid().to_vec()))
+        let column = |channel: &str| -> Result<MeasuredColumn, Vec<Fault>> {
+            Ok(grid.require(channel).map_err(|fault| vec![fault])?.shared())
         };
         let measured =
             self.model.outputs().iter().map(|output| column(&output.channel)).collect::<Result<_, _>>()?;
-        let (inputs, all) = (Inputs::new(&self.model, &grid)?, 0..grid.len());
+        let all = 0..grid.len();
+        let inputs = Inputs::new(&self.model, &grid)?.averaged_over(all.clone());
         let problem = Self {
-            split: Split { train: all.clone(), validation: all.end..all.end, test: all.end..all.end },
-            inputs: inputs.averaged_over(all),
+            split: Split { validation: all.end..all.end, test: all.end..all.end, train: all },
             measured,
             starts: IndexMap::new(),
             grid,
             ..self.clone()
         };
-        let simulator = problem.simulator_over(&problem.inputs, self.simulator.substeps());
+        let simulator = problem.simulator_over(&inputs, self.simulator.substeps());
         Ok(Self { simulator, ..problem })
     }
 
     fn simulator_over(&self, inputs: &Inputs, substeps: usize) -> Simulator {
-        Simulator::new(&self.model, inputs, &self.measured(), self.model.stepper(), substeps)
-            .with_brake(self.brake())
+        self.simulator
+            .over(&self.model, inputs, &self.measured(), substeps)
             .with_starts(&self.starts_by_output())
-            .with_loose_steps(self.simulator.is_loose(), inputs)
     }
 
     fn starts_by_output(&self) -> Vec<Option<f64>> {
