@@ -38,12 +38,7 @@ impl Column {
                 format!("the value at index {index} is not finite"),
             ));
         }
-        Ok(Self {
-            unit: canonical_unit(unit).to_owned(),
-            hold,
-            values: values.into(),
-            valid: valid.into(),
-        })
+        Ok(Self { unit: canonical_unit(unit).to_owned(), hold, values: values.into(), valid: valid.into() })
     }
 
     /// A column that is valid throughout.

@@ -19,6 +19,16 @@ struct StepResponse {
     states: Vec<f64>,
 }
 
+/// A row of a matrix times the states.
+#[inline]
+fn product(row: &[f64], states: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for (place, state) in states.iter().enumerate() {
+        sum += row[place] * state;
+    }
+    sum
+}
+
 /// A model along its segments, ready to be asked what flows do.
 pub(super) struct Responses {
     states: usize,
@@ -77,7 +87,7 @@ impl Responses {
                 for (output, place) in places.iter_mut().enumerate() {
                     if *place < rows.end && self.rows[*place] == (output, k) {
                         let shows = &step.c[output * n..][..n];
-                        direction[*place] = shows.iter().zip(&moved).map(|(c, x)| c * x).sum();
+                        direction[*place] = product(shows, &moved);
                         *place += 1;
                     }
                 }
@@ -86,8 +96,7 @@ impl Responses {
                     Some(from) => series.rate[k] * (from[k] - step.states[into]),
                 };
                 for (i, next) in next.iter_mut().enumerate() {
-                    let kept: f64 = step.a[i * n..][..n].iter().zip(&moved).map(|(a, x)| a * x).sum();
-                    *next = kept + step.g[i * n + into] * flow;
+                    *next = product(&step.a[i * n..][..n], &moved) + step.g[i * n + into] * flow;
                 }
                 moved.copy_from_slice(&next);
             }

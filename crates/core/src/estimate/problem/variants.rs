@@ -1,7 +1,7 @@
 //! The same problem, with one thing changed.
 
-use super::{MeasuredColumn, Problem};
 use super::choices::Choices;
+use super::{MeasuredColumn, Problem};
 use crate::data::{Grid, Split};
 use crate::estimate::problem::prior::Prior;
 use crate::fault::Fault;
