@@ -16,8 +16,8 @@ use std::sync::Arc;
 /// The inputs of a model on a grid, in the units of its equations.
 ///
 /// A delayed input needs its past: an interval is known where the input was known as far back as the longest
-/// delay that the model declares. At the start of a window that past is missing, as it is behind a gap. Copies
-/// share the values.
+/// delay that the model declares. At the start of a window that past is missing, as it is behind a gap.
+/// Copies share the values.
 #[derive(Debug, Clone)]
 pub struct Inputs {
     columns: Vec<(InputHold, Arc<[f64]>)>,
