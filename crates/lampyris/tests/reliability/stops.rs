@@ -202,7 +202,7 @@ fn a_job_that_hears_nobody_is_given_up_and_the_next_one_runs() {
         ("LAMPYRIS_POISON", "room/deaf:deaf"),
         ("LAMPYRIS_DEAF_WHILE", deaf.to_str().unwrap()),
         ("LAMPYRIS_WORKERS", "1"),
-        ("LAMPYRIS_LIMITS_JOB_SECONDS", "1"),
+        ("LAMPYRIS_LIMITS_JOB_SECONDS", "5"),
     ];
     let service = Process::start_with(&dir.path().join("deaf.db"), &environment);
     let client = &service.client;
