@@ -307,3 +307,29 @@ fn a_name_stands_for_one_public_type() {
     places.retain(|name, places| places.len() > 1 && !NAMED_TWICE.contains(&name.as_str()));
     assert!(places.is_empty(), "{places:#?}");
 }
+
+/// The compiler puts every free `pub async fn` into every program of its crate, and with it all that it calls:
+/// `pub(crate)` keeps the service out of the program of its unit tests.
+#[test]
+fn an_asynchronous_function_is_public_where_another_crate_calls_it() {
+    let outside: String = ["crates/lampyris/tests", "crates/studies/src"]
+        .iter()
+        .flat_map(|folder| sources(folder).into_values())
+        .collect();
+    let mut called_by_nobody = Vec::new();
+    for (path, text) in sources(IN_SERVICE) {
+        let module = match path.file_stem().unwrap().to_str().unwrap() {
+            "mod" => path.parent().unwrap().file_name().unwrap().to_str().unwrap(),
+            stem => stem,
+        };
+        for line in code(&text).lines().filter_map(|line| line.strip_prefix("pub async fn ")) {
+            let name = line.split(['(', '<']).next().unwrap();
+            // A generic one is compiled where it is called.
+            let is_generic = line[name.len()..].starts_with('<') || line.contains("impl ");
+            if !is_generic && !outside.contains(&format!("{module}::{name}(")) {
+                called_by_nobody.push(format!("{module}::{name}"));
+            }
+        }
+    }
+    assert!(called_by_nobody.is_empty(), "nothing outside the crate calls {called_by_nobody:?}: pub(crate)");
+}

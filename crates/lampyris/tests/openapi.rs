@@ -83,6 +83,17 @@ fn successes(operation: &Value) -> impl Iterator<Item = (&String, &Value)> {
 }
 
 #[test]
+fn every_operation_is_declared_once_with_its_scope_and_nothing_else_is() {
+    let operations = operations();
+    let described: BTreeSet<&str> =
+        operations.iter().map(|operation| operation["operationId"].as_str().unwrap()).collect();
+    let declared: Vec<&str> = lampyris::http::declared_operations().collect();
+    let once: BTreeSet<&str> = declared.iter().copied().collect();
+    assert_eq!(once, described);
+    assert_eq!(once.len(), declared.len(), "an operation is declared twice");
+}
+
+#[test]
 fn every_operation_shows_what_is_sent_and_what_is_answered() {
     let mut without = Vec::new();
     for operation in operations() {

@@ -387,7 +387,7 @@ fn key(parts: &Parts, body: &[u8]) -> Result<Option<RequestKey>, ApiError> {
 }
 
 /// Refuses a query where the description of the path knows none.
-pub async fn refuse_unknown(
+pub(crate) async fn refuse_unknown(
     State(asking): State<Arc<BTreeSet<(String, &'static str)>>>,
     request: Request,
     next: Next,

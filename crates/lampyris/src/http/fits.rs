@@ -221,7 +221,7 @@ async fn require(service: &Service, id: &str) -> Result<FitRecord, ApiError> {
 }
 
 /// A fit as it is shown.
-pub async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>, ApiError> {
+pub(crate) async fn answer(service: &Service, id: &str) -> Result<axum::Json<FitAnswer>, ApiError> {
     let record = require(service, id).await?;
     let (waits_for_operator, decision) = store::decisions::of(&service.store, id).await?;
     let windows = store::windows::cited(&service.store, id).await?;

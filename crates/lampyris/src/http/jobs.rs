@@ -205,7 +205,7 @@ impl JobAnswer {
 }
 
 /// The job that must be there.
-pub async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError> {
+pub(crate) async fn require(service: &Service, id: &str) -> Result<JobRecord, ApiError> {
     store::jobs::get(&service.store, id).await?.ok_or_else(|| ApiError::NotFound("job", id.to_owned()))
 }
 
@@ -268,7 +268,7 @@ async fn job_answer(service: &Service, submitted: Submitted) -> Result<Response,
 }
 
 /// The answer to a batch that was submitted.
-pub async fn batch_answer(service: &Service, submitted: SubmittedBatch) -> Result<Response, ApiError> {
+pub(crate) async fn batch_answer(service: &Service, submitted: SubmittedBatch) -> Result<Response, ApiError> {
     let (status, id, replayed) = match submitted {
         SubmittedBatch::New(id) => (StatusCode::ACCEPTED, id, false),
         SubmittedBatch::Earlier(earlier) => (status(earlier.status), earlier.resource, true),

@@ -55,7 +55,11 @@ struct Server {
 ///
 /// # Errors
 /// None today: what the system refuses is tried again.
-pub async fn listen(listener: TcpListener, service: Shared, tls: Option<Arc<Tls>>) -> std::io::Result<()> {
+pub(crate) async fn listen(
+    listener: TcpListener,
+    service: Shared,
+    tls: Option<Arc<Tls>>,
+) -> std::io::Result<()> {
     let limits = service.settings.limits.clone();
     let mut builder = http1::Builder::new();
     builder

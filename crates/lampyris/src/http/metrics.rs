@@ -33,7 +33,7 @@ pub fn router() -> OpenApiRouter<Shared> {
 }
 
 /// Counts and times an answer by the template of its path: paths as they come would make endless series.
-pub async fn measure(State(service): State<Shared>, request: Request, next: Next) -> Response {
+pub(crate) async fn measure(State(service): State<Shared>, request: Request, next: Next) -> Response {
     let method = known(request.method());
     let route = request.extensions().get::<MatchedPath>().cloned();
     let start = Instant::now();

@@ -67,9 +67,11 @@ mod web;
 mod windows;
 mod wording;
 
+pub use access::declared_operations;
 pub use book::book_text;
-pub use listen::listen;
 pub use models::document as model_document;
 pub use surface::{described_documents, described_paths, openapi_json, openapi_yaml};
 pub use tls::Tls;
 pub use web::page_part;
+
+pub(crate) use listen::listen;

@@ -102,7 +102,7 @@ pub fn is_poll(parts: &Parts) -> bool {
 }
 
 /// The answer to a poll of one system.
-pub async fn polled(service: &Shared, request: Request) -> Response {
+pub(crate) async fn polled(service: &Shared, request: Request) -> Response {
     let asked = declared("get_params");
     let response = admitted(service, asked, request, |caller, request| poll(service, caller, request)).await;
     service.metrics.polls.count(response.status().as_u16());

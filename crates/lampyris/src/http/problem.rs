@@ -249,7 +249,7 @@ impl IntoResponse for Problem {
 }
 
 /// Turns error answers of the layers and the framework into problem documents, and keeps their headers.
-pub async fn as_problem(response: Response) -> Response {
+pub(crate) async fn as_problem(response: Response) -> Response {
     let status = response.status();
     // A document is what a handler wanted to say; layers and the framework send texts, or nothing.
     let is_document = response

@@ -15,7 +15,7 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
@@ -133,7 +133,7 @@ pub fn router(service: Shared) -> Router {
         .with_state(service)
 }
 
-pub(super) fn described() -> utoipa::openapi::OpenApi {
+fn described() -> utoipa::openapi::OpenApi {
     description::completed(lean().merge(patient()).merge(layered()).into_openapi())
 }
 
@@ -156,15 +156,16 @@ pub fn openapi_json() -> String {
     responses((status = 200, body = String, content_type = "application/yaml"))
 )]
 async fn openapi(headers: HeaderMap) -> Response {
-    static TEXT: LazyLock<ConstantBody> = LazyLock::new(|| ConstantBody::new("openapi.yaml", openapi_yaml()));
-    TEXT.answer(None, &headers)
+    // A static that names its initialiser brings the whole surface into every program of this crate.
+    static TEXT: OnceLock<ConstantBody> = OnceLock::new();
+    TEXT.get_or_init(|| ConstantBody::new("openapi.yaml", openapi_yaml())).answer(None, &headers)
 }
 
 /// This description of the surface as JSON.
 #[utoipa::path(get, path = "/openapi.json", tag = "service", responses((status = 200, body = Object)))]
 async fn openapi_as_json(headers: HeaderMap) -> Response {
-    static TEXT: LazyLock<ConstantBody> = LazyLock::new(|| ConstantBody::new("openapi.json", openapi_json()));
-    TEXT.answer(None, &headers)
+    static TEXT: OnceLock<ConstantBody> = OnceLock::new();
+    TEXT.get_or_init(|| ConstantBody::new("openapi.json", openapi_json())).answer(None, &headers)
 }
 
 /// Every path with its methods in lower case, for the tests of the description.

@@ -11,7 +11,7 @@ const LONGEST_WAIT: u64 = 60;
 
 /// The entry of a system: at once where it is news to the client, or where that does not want to wait; else
 /// as soon as it is, or when the client's patience ends. `None` where the system has gone meanwhile.
-pub async fn newest(
+pub(crate) async fn newest(
     service: &Shared,
     system: &str,
     slot: Arc<Slot>,

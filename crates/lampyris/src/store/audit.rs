@@ -123,7 +123,7 @@ pub(super) async fn note(tx: &mut Session, deed: &AuditEntry<'_>, now: Timestamp
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     reach: &SystemScope,
     system: Option<&SystemId>,

@@ -38,7 +38,7 @@ pub struct Restored {
 ///
 /// # Errors
 /// Where there is no such database, it is damaged or not of this program, or the file is there already.
-pub async fn backup(database: &Path, file: &Path) -> Result<Backup, StoreError> {
+pub(crate) async fn backup(database: &Path, file: &Path) -> Result<Backup, StoreError> {
     if !database.exists() {
         return Err(StoreError::NoFile(database.to_owned()));
     }
@@ -63,7 +63,7 @@ pub async fn backup(database: &Path, file: &Path) -> Result<Backup, StoreError> 
 /// # Errors
 /// Where a service has the database open, or the file is no sound backup of a schema that this program knows.
 /// Then nothing has changed.
-pub async fn restore(database: &Path, file: &Path, now: Timestamp) -> Result<Restored, StoreError> {
+pub(crate) async fn restore(database: &Path, file: &Path, now: Timestamp) -> Result<Restored, StoreError> {
     let database = &real(database)?;
     let _lock = lock(database)?;
     if !file.exists() {

@@ -310,7 +310,7 @@ pub(super) async fn submit_in_batch(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn answered(store: &Store, jobs: &[NewJob]) -> Result<HashSet<usize>, StoreError> {
+pub(crate) async fn answered(store: &Store, jobs: &[NewJob]) -> Result<HashSet<usize>, StoreError> {
     let asked: Vec<(usize, String, String)> = jobs
         .iter()
         .enumerate()
@@ -340,7 +340,7 @@ pub(super) async fn is_unfinished(tx: &mut Session, id: &str) -> Result<bool, St
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn request(store: &Store, id: &str) -> Result<Option<serde_json::Value>, StoreError> {
+pub(crate) async fn request(store: &Store, id: &str) -> Result<Option<serde_json::Value>, StoreError> {
     let text: Option<String> = query_scalar("SELECT request FROM batches WHERE id = $1")
         .bind(id)
         .fetch_optional(&store.reader)
@@ -352,7 +352,7 @@ pub async fn request(store: &Store, id: &str) -> Result<Option<serde_json::Value
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
+pub(crate) async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreError> {
     let sql = "SELECT id, kind, schedule, request, skipped, created_at, waiting IS NOT NULL AS entering FROM batches \
         WHERE id = $1";
     let Some(row) = query_as::<Row>(sql).bind(id).fetch_optional(&store.reader).await? else {
@@ -385,7 +385,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<BatchRecord>, StoreEr
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn ended_with(store: &Store, jobs: &[String]) -> Result<Vec<String>, StoreError> {
+pub(crate) async fn ended_with(store: &Store, jobs: &[String]) -> Result<Vec<String>, StoreError> {
     let sql = "SELECT b.id FROM batches b WHERE b.id IN (SELECT batch FROM batch_jobs WHERE job IN \
         (SELECT value FROM json_each($1))) AND b.schedule IS NOT NULL AND b.waiting IS NULL AND NOT EXISTS \
         (SELECT 1 FROM batch_jobs o JOIN jobs j ON j.id = o.job WHERE o.batch = b.id \
@@ -397,7 +397,11 @@ pub async fn ended_with(store: &Store, jobs: &[String]) -> Result<Vec<String>, S
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of_schedules(store: &Store, from: Timestamp, to: Timestamp) -> Result<Vec<String>, StoreError> {
+pub(crate) async fn of_schedules(
+    store: &Store,
+    from: Timestamp,
+    to: Timestamp,
+) -> Result<Vec<String>, StoreError> {
     let sql = "SELECT id FROM batches WHERE schedule IS NOT NULL AND created_at >= $1 AND created_at < $2 \
         ORDER BY sequence";
     Ok(query_scalar(sql).bind(millis(from)).bind(millis(to)).fetch_all(&store.reader).await?)
@@ -408,7 +412,7 @@ pub async fn of_schedules(store: &Store, from: Timestamp, to: Timestamp) -> Resu
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     reach: &SystemScope,
     scheduled: bool,

@@ -94,7 +94,7 @@ pub(super) async fn offer(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn decide(
+pub(crate) async fn decide(
     store: &Store,
     fit: &str,
     decision: Decision,
@@ -178,7 +178,7 @@ pub async fn decide(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of(store: &Store, fit: &str) -> Result<(bool, Option<DecisionRecord>), StoreError> {
+pub(crate) async fn of(store: &Store, fit: &str) -> Result<(bool, Option<DecisionRecord>), StoreError> {
     let sql = "SELECT d.decision, d.reason, d.decided_at FROM offers o LEFT JOIN decisions d ON d.fit = \
         o.fit WHERE o.fit = $1";
     let row: Option<(Option<String>, Option<String>, Option<i64>)> =

@@ -16,7 +16,7 @@ use lampyris_core::estimate::assess::metrics::CurrentState;
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn keep(
+pub(crate) async fn keep(
     store: &Store,
     system: &SystemId,
     revision: i64,
@@ -59,7 +59,7 @@ pub async fn keep(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn outdated(store: &Store) -> Result<Vec<SystemId>, StoreError> {
+pub(crate) async fn outdated(store: &Store) -> Result<Vec<SystemId>, StoreError> {
     let sql = "SELECT r.system FROM revisions r WHERE r.current AND EXISTS \
         (SELECT 1 FROM windows w WHERE w.system = r.system AND w.uploaded_at > r.published_at) ORDER BY \
         r.system";

@@ -176,7 +176,7 @@ pub(super) async fn keep(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn get(store: &Store, id: &str) -> Result<Option<DiagnosisRecord>, StoreError> {
+pub(crate) async fn get(store: &Store, id: &str) -> Result<Option<DiagnosisRecord>, StoreError> {
     let row: Option<Row> =
         query_as("SELECT * FROM diagnoses WHERE id = $1").bind(id).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
@@ -186,7 +186,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<DiagnosisRecord>, Sto
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     reach: &SystemScope,
     system: Option<&SystemId>,
@@ -204,7 +204,10 @@ pub async fn page(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn newest_ladder(store: &Store, system: &SystemId) -> Result<Option<LadderRecord>, StoreError> {
+pub(crate) async fn newest_ladder(
+    store: &Store,
+    system: &SystemId,
+) -> Result<Option<LadderRecord>, StoreError> {
     let sql =
         "SELECT job, fit, document, created_at FROM ladders WHERE system = $1 ORDER BY sequence DESC LIMIT 1";
     let row: Option<(String, String, String, i64)> =
@@ -321,7 +324,7 @@ impl DiagnosedRow {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn newest(
+pub(crate) async fn newest(
     store: &Store,
     (reach, selected): (&SystemScope, &SystemScope),
     after: &str,

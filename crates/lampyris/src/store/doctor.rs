@@ -31,7 +31,7 @@ pub struct DatabaseState {
 ///
 /// # Errors
 /// Where there is no such file, or it cannot be opened at all.
-pub async fn look(path: &Path) -> Result<DatabaseState, StoreError> {
+pub(crate) async fn look(path: &Path) -> Result<DatabaseState, StoreError> {
     let file = std::fs::metadata(path).map_err(|_| StoreError::NoFile(path.to_owned()))?;
     let path = &real(path)?;
     require_no_log_alone(path)?;

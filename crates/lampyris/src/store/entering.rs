@@ -150,7 +150,7 @@ pub(super) async fn go_on(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn go_on_with_all(store: &Store, now: Timestamp) -> Result<usize, SubmitError> {
+pub(crate) async fn go_on_with_all(store: &Store, now: Timestamp) -> Result<usize, SubmitError> {
     let sql = "SELECT id, waiting FROM batches WHERE waiting IS NOT NULL ORDER BY sequence";
     let begun: Vec<(String, Vec<u8>)> = query_as(sql).fetch_all(&store.reader).await?;
     for (batch, waiting) in &begun {

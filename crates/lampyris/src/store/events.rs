@@ -29,7 +29,7 @@ impl Missed {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn newest(store: &Store) -> Result<i64, StoreError> {
+pub(crate) async fn newest(store: &Store) -> Result<i64, StoreError> {
     Ok(query_scalar("SELECT value FROM counters WHERE name = 'sequence'").fetch_one(&store.reader).await?)
 }
 
@@ -37,7 +37,7 @@ pub async fn newest(store: &Store) -> Result<i64, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn news(store: &Store, missed: Missed) -> Result<Vec<JobRecord>, StoreError> {
+pub(crate) async fn news(store: &Store, missed: Missed) -> Result<Vec<JobRecord>, StoreError> {
     let sql = "SELECT * FROM jobs WHERE (sequence > $1 AND sequence <= $2) OR (end_sequence > $1 AND \
         end_sequence <= $2)";
     let rows: Vec<Row> = query_as(sql).bind(missed.after).bind(missed.up_to).fetch_all(&store.reader).await?;
@@ -48,7 +48,7 @@ pub async fn news(store: &Store, missed: Missed) -> Result<Vec<JobRecord>, Store
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn ended(
+pub(crate) async fn ended(
     store: &Store,
     missed: Missed,
     system: Option<&SystemId>,
@@ -68,7 +68,7 @@ pub async fn ended(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn waiting(
+pub(crate) async fn waiting(
     store: &Store,
     missed: Missed,
     system: Option<&SystemId>,

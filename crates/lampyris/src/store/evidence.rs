@@ -95,7 +95,7 @@ pub(super) async fn keep(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of(
+pub(crate) async fn of(
     store: &Store,
     system: &SystemId,
     effect: Option<&str>,
@@ -113,7 +113,7 @@ pub async fn of(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of_many(
+pub(crate) async fn of_many(
     store: &Store,
     systems: &[String],
 ) -> Result<HashMap<String, Vec<LedgerEntry>>, StoreError> {

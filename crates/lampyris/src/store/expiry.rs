@@ -25,7 +25,7 @@ pub struct ForgottenSamples {
 ///
 /// # Errors
 /// Where the database fails; what is gone by then stays so.
-pub async fn forget(store: &Store, before: Timestamp) -> Result<ForgottenSamples, StoreError> {
+pub(crate) async fn forget(store: &Store, before: Timestamp) -> Result<ForgottenSamples, StoreError> {
     let day = months::beginning(before)?;
     let mut gone =
         ForgottenSamples { windows: forget_windows(store, day * DAY).await?, ..Default::default() };

@@ -122,7 +122,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<FitRecord>, StoreErro
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord>, StoreError> {
+pub(crate) async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord>, StoreError> {
     let sql = "SELECT f.* FROM fits f JOIN revisions r ON r.fit = f.id WHERE r.system = $1 AND r.current";
     let row: Option<Row> = query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
@@ -133,7 +133,7 @@ pub async fn served(store: &Store, system: &SystemId) -> Result<Option<FitRecord
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of_siblings(
+pub(crate) async fn of_siblings(
     store: &Store,
     system: &SystemId,
     (tenant, building): (&str, &str),
@@ -287,7 +287,7 @@ pub struct UnlistedFit {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn unlisted(store: &Store, limit: i64) -> Result<Vec<UnlistedFit>, StoreError> {
+pub(crate) async fn unlisted(store: &Store, limit: i64) -> Result<Vec<UnlistedFit>, StoreError> {
     let sql = "SELECT f.id, f.document, j.kind = 'estimate' AND NOT j.experiment AS in_trend FROM fits f \
         JOIN jobs j ON j.id = f.job WHERE f.listed IS NULL LIMIT $1";
     let rows: Vec<(String, Vec<u8>, bool)> = query_as(sql).bind(limit).fetch_all(&store.reader).await?;
@@ -300,7 +300,7 @@ pub async fn unlisted(store: &Store, limit: i64) -> Result<Vec<UnlistedFit>, Sto
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn list(store: &Store, fits: &[(String, ListedColumns, bool)]) -> Result<(), StoreError> {
+pub(crate) async fn list(store: &Store, fits: &[(String, ListedColumns, bool)]) -> Result<(), StoreError> {
     let mut tx = store.write().await?;
     for (id, ListedColumns { listed, validation_rmse }, in_trend) in fits {
         query("UPDATE fits SET listed = $2, validation_rmse = $3 WHERE id = $1 AND listed IS NULL")
@@ -354,7 +354,7 @@ impl EntryRow {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn summary(store: &Store, id: &str) -> Result<Option<(String, bool)>, StoreError> {
+pub(crate) async fn summary(store: &Store, id: &str) -> Result<Option<(String, bool)>, StoreError> {
     let sql = concat!("SELECT f.summary, ", waits!("f.id"), " AS waits FROM fits f WHERE f.id = $1");
     Ok(query_as(sql).bind(id).fetch_optional(&store.reader).await?)
 }
@@ -364,7 +364,7 @@ pub async fn summary(store: &Store, id: &str) -> Result<Option<(String, bool)>, 
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn changes_up_to(store: &Store, id: &str) -> Result<Vec<ParameterChange>, StoreError> {
+pub(crate) async fn changes_up_to(store: &Store, id: &str) -> Result<Vec<ParameterChange>, StoreError> {
     // Most have seen none, and are told so by their own row.
     let sql = "SELECT f.id, f.listed FROM fits f JOIN fits own ON own.system = f.system WHERE own.id = $1 \
         AND own.listed LIKE '%\"changed\":%' AND f.created_at <= own.created_at AND f.listed LIKE '%\"changed\":%' ORDER BY f.created_at DESC, \
@@ -386,7 +386,10 @@ fn change_in(listed: &str) -> Result<Option<ParameterChange>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn newest_change(store: &Store, system: &SystemId) -> Result<Option<ParameterChange>, StoreError> {
+pub(crate) async fn newest_change(
+    store: &Store,
+    system: &SystemId,
+) -> Result<Option<ParameterChange>, StoreError> {
     let sql = "SELECT f.listed FROM fits f JOIN jobs j ON j.id = f.job WHERE f.system = $1 \
         AND f.listed IS NOT NULL AND j.kind = $2 AND j.origin <> $3 ORDER BY f.created_at DESC LIMIT 1";
     let listed: Option<String> = query_scalar(sql)
@@ -402,7 +405,7 @@ pub async fn newest_change(store: &Store, system: &SystemId) -> Result<Option<Pa
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     reach: &SystemScope,
     system: Option<&SystemId>,

@@ -84,7 +84,7 @@ pub fn version(inputs: &[KeptInput]) -> i64 {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of(store: &Store, system: &SystemId) -> Result<Vec<KeptInput>, StoreError> {
+pub(crate) async fn of(store: &Store, system: &SystemId) -> Result<Vec<KeptInput>, StoreError> {
     let sql = "SELECT channel, issued_at, version, from_ms, to_ms, block FROM forecast_inputs \
         WHERE system = $1 ORDER BY channel";
     let query = query_as(sql).bind(system.to_string());
@@ -107,7 +107,7 @@ pub async fn of(store: &Store, system: &SystemId) -> Result<Vec<KeptInput>, Stor
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn write(
+pub(crate) async fn write(
     store: &Store,
     system: &SystemId,
     (inputs, version): (&[KeptInput], i64),

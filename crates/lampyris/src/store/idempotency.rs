@@ -90,7 +90,7 @@ pub(super) async fn remember(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_old(store: &Store, now: Timestamp) -> Result<u64, StoreError> {
+pub(crate) async fn forget_old(store: &Store, now: Timestamp) -> Result<u64, StoreError> {
     let before = now.saturating_sub(KEPT).map_or(0, millis);
     let mut tx = store.write().await?;
     let gone = query("DELETE FROM idempotency WHERE created_at < $1").bind(before).execute(&mut *tx).await?;

@@ -26,7 +26,7 @@ pub async fn get(store: &Store, id: &str) -> Result<Option<JobRecord>, StoreErro
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn newest(store: &Store, systems: &[String]) -> Result<Vec<JobRecord>, StoreError> {
+pub(crate) async fn newest(store: &Store, systems: &[String]) -> Result<Vec<JobRecord>, StoreError> {
     let sql = "SELECT * FROM jobs WHERE sequence IN (SELECT MAX(sequence) FROM jobs WHERE system IN (SELECT \
         value FROM json_each($1)) GROUP BY system)";
     let rows: Vec<Row> = query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
@@ -54,7 +54,7 @@ pub struct Filter {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     filter: &Filter,
     order: JobOrder,
@@ -108,7 +108,7 @@ pub async fn page(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn counts(store: &Store, reach: &SystemScope) -> Result<Vec<(JobStatus, i64)>, StoreError> {
+pub(crate) async fn counts(store: &Store, reach: &SystemScope) -> Result<Vec<(JobStatus, i64)>, StoreError> {
     let within = if reach.is_all() {
         ""
     } else {

@@ -36,7 +36,7 @@ pub async fn read(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn read_owned(
+pub(crate) async fn read_owned(
     store: &Store,
     system: &SystemId,
     span: (i64, i64),
@@ -56,7 +56,7 @@ pub async fn read_owned(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
+pub(crate) async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64)>, StoreError> {
     let sql = "SELECT MIN(first), MAX(last) FROM (SELECT (SELECT from_ms FROM days WHERE system = $1 ORDER BY \
         day LIMIT 1) AS first, (SELECT to_ms FROM days WHERE system = $1 ORDER BY day DESC LIMIT 1) AS last \
         UNION ALL SELECT MIN(from_ms), MAX(to_ms) FROM samples WHERE system = $1) spans";
@@ -69,7 +69,10 @@ pub async fn extent(store: &Store, system: &SystemId) -> Result<Option<(i64, i64
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn newest(store: &Store, systems: &[String]) -> Result<HashMap<String, Timestamp>, StoreError> {
+pub(crate) async fn newest(
+    store: &Store,
+    systems: &[String],
+) -> Result<HashMap<String, Timestamp>, StoreError> {
     let sql = "SELECT s.system, (SELECT d.to_ms FROM days d WHERE d.system = s.system ORDER BY d.day DESC LIMIT 1), \
         (SELECT MAX(m.to_ms) FROM samples m WHERE m.system = s.system) FROM systems s \
         WHERE s.system IN (SELECT value FROM json_each($1))";
@@ -83,7 +86,7 @@ pub async fn newest(store: &Store, systems: &[String]) -> Result<HashMap<String,
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn systems(store: &Store) -> Result<HashSet<String>, StoreError> {
+pub(crate) async fn systems(store: &Store) -> Result<HashSet<String>, StoreError> {
     let sql = "SELECT system FROM systems s WHERE EXISTS (SELECT 1 FROM days WHERE system = s.system) OR EXISTS \
         (SELECT 1 FROM samples WHERE system = s.system)";
     Ok(query_scalar(sql).fetch_all(&store.reader).await?.into_iter().collect())
@@ -93,7 +96,7 @@ pub async fn systems(store: &Store) -> Result<HashSet<String>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
+pub(crate) async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, StoreError> {
     let sql = "SELECT json_extract(c.value, '$[0]') FROM days d, json_each(d.channels) c WHERE d.system = $1 UNION \
         SELECT json_extract(r.value, '$[0]') FROM samples s, json_each(s.rows) r WHERE s.system = $1 ORDER BY 1";
     Ok(query_scalar(sql).bind(system.to_string()).fetch_all(&store.reader).await?)
@@ -103,6 +106,6 @@ pub async fn channels(store: &Store, system: &SystemId) -> Result<Vec<String>, S
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn version(store: &Store, system: &SystemId) -> Result<i64, StoreError> {
+pub(crate) async fn version(store: &Store, system: &SystemId) -> Result<i64, StoreError> {
     days::version_in(&mut store.reader.begin().await?, &system.to_string()).await
 }

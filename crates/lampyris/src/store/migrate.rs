@@ -30,7 +30,7 @@ pub struct Migrated {
 ///
 /// # Errors
 /// Where there is no such file, a service has it open, or its schema is none that this program knows.
-pub async fn migrate(path: &Path) -> Result<Migrated, StoreError> {
+pub(crate) async fn migrate(path: &Path) -> Result<Migrated, StoreError> {
     if !path.exists() {
         return Err(StoreError::NoFile(path.to_owned()));
     }

@@ -44,7 +44,7 @@ pub enum DocumentInsertion {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
+pub(crate) async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
     let texts: Vec<String> =
         query_scalar("SELECT document FROM models ORDER BY id").fetch_all(&store.reader).await?;
     let read = |text: &String| -> Result<ModelDocument, StoreError> {
@@ -58,7 +58,7 @@ pub async fn models(store: &Store) -> Result<Vec<ModelDocument>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn effects(store: &Store) -> Result<Vec<EffectSpec>, StoreError> {
+pub(crate) async fn effects(store: &Store) -> Result<Vec<EffectSpec>, StoreError> {
     let texts: Vec<String> =
         query_scalar("SELECT document FROM effects ORDER BY id").fetch_all(&store.reader).await?;
     texts.iter().map(|text| from_json("an effect document", text)).collect()
@@ -68,7 +68,7 @@ pub async fn effects(store: &Store) -> Result<Vec<EffectSpec>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn versions(store: &Store) -> Result<Vec<VersionRecord>, StoreError> {
+pub(crate) async fn versions(store: &Store) -> Result<Vec<VersionRecord>, StoreError> {
     let sql = "SELECT id, parent, effect, document, created_at FROM model_versions ORDER BY id";
     let rows: Vec<(String, String, String, String, i64)> = query_as(sql).fetch_all(&store.reader).await?;
     rows.into_iter()
@@ -88,7 +88,7 @@ pub async fn versions(store: &Store) -> Result<Vec<VersionRecord>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert_model(
+pub(crate) async fn insert_model(
     store: &Store,
     model: &ModelDocument,
     who: &str,
@@ -120,7 +120,7 @@ pub async fn insert_model(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert_effect(
+pub(crate) async fn insert_effect(
     store: &Store,
     effect: &EffectSpec,
     who: &str,
@@ -152,7 +152,7 @@ pub async fn insert_effect(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert_version(
+pub(crate) async fn insert_version(
     store: &Store,
     version: &VersionRecord,
     effect: Option<&EffectSpec>,

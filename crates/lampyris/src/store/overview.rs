@@ -60,7 +60,7 @@ row! {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn read(store: &Store, systems: &[String]) -> Result<Overview, StoreError> {
+pub(crate) async fn read(store: &Store, systems: &[String]) -> Result<Overview, StoreError> {
     let mut overview = Overview { fits: fits(store, systems).await?, ..Overview::default() };
     let sql = "SELECT d.system, d.verdict, d.missing FROM diagnoses d WHERE d.sequence IN (SELECT \
         MAX(n.sequence) FROM diagnoses n JOIN jobs j ON j.id = n.job \
@@ -117,7 +117,10 @@ async fn fits(store: &Store, systems: &[String]) -> Result<HashMap<String, FitTe
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn trends(store: &Store, systems: &[String]) -> Result<HashMap<String, Vec<f64>>, StoreError> {
+pub(crate) async fn trends(
+    store: &Store,
+    systems: &[String],
+) -> Result<HashMap<String, Vec<f64>>, StoreError> {
     let sql = "SELECT t.system, t.validation_rmse FROM (SELECT f.system, f.validation_rmse, f.rowid AS place, \
         ROW_NUMBER() OVER (PARTITION BY f.system ORDER BY f.rowid DESC) AS back FROM fits f \
         JOIN systems s ON s.system = f.system AND s.model = f.model WHERE f.validation_rmse IS NOT NULL \

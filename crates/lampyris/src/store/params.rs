@@ -234,7 +234,7 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedState>, StoreError> {
+pub(crate) async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedState>, StoreError> {
     Ok(standings(store, &[system]).await?.pop())
 }
 
@@ -242,7 +242,7 @@ pub async fn standing(store: &Store, system: &SystemId) -> Result<Option<ServedS
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn standings(store: &Store, systems: &[&SystemId]) -> Result<Vec<ServedState>, StoreError> {
+pub(crate) async fn standings(store: &Store, systems: &[&SystemId]) -> Result<Vec<ServedState>, StoreError> {
     let sql = standing!("WHERE s.system IN (SELECT value FROM json_each($1))");
     let rows: Vec<Row> = query_as(sql).bind(to_json("systems", systems)?).fetch_all(&store.reader).await?;
     store.require_files()?;
@@ -253,7 +253,7 @@ pub async fn standings(store: &Store, systems: &[&SystemId]) -> Result<Vec<Serve
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn standings_after(
+pub(crate) async fn standings_after(
     store: &Store,
     system: &str,
     limit: i64,
@@ -310,7 +310,7 @@ pub(super) async fn keep_state(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn keep_newer_state(
+pub(crate) async fn keep_newer_state(
     store: &Store,
     system: &SystemId,
     revision: i64,

@@ -40,7 +40,7 @@ row! {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(
+pub(crate) async fn put(
     store: &Store,
     system: &SystemId,
     fit: Option<&str>,
@@ -100,7 +100,12 @@ pub async fn put(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, system: &SystemId, who: &str, now: Timestamp) -> Result<(), StoreError> {
+pub(crate) async fn delete(
+    store: &Store,
+    system: &SystemId,
+    who: &str,
+    now: Timestamp,
+) -> Result<(), StoreError> {
     let system = system.to_string();
     let mut tx = store.write().await?;
     let gone = query("DELETE FROM pins WHERE system = $1").bind(&system).execute(&mut *tx).await?;

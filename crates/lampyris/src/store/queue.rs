@@ -136,7 +136,7 @@ pub async fn claim(store: &Store, boot: i64, now: Timestamp) -> Result<Option<Jo
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_tenants(store: &Store) -> Result<(), StoreError> {
+pub(crate) async fn forget_tenants(store: &Store) -> Result<(), StoreError> {
     let sql = "DELETE FROM tenants WHERE ended <= (SELECT MAX(started) FROM tenants) \
         AND NOT EXISTS (SELECT 1 FROM jobs j WHERE j.state = 'queued' AND j.tenant = tenants.tenant) \
         AND NOT EXISTS (SELECT 1 FROM jobs j WHERE j.state = 'running' AND j.tenant = tenants.tenant)";
@@ -149,7 +149,7 @@ pub async fn forget_tenants(store: &Store) -> Result<(), StoreError> {
 ///
 /// # Errors
 /// Where the database fails or the lease is lost.
-pub async fn requeue(store: &Store, lease: &Lease, now: Timestamp) -> Result<(), StoreError> {
+pub(crate) async fn requeue(store: &Store, lease: &Lease, now: Timestamp) -> Result<(), StoreError> {
     let sql = "UPDATE jobs SET boot = NULL, attempt = attempt - 1, requeued = TRUE,
                    state = CASE WHEN cancelling THEN 'cancelled' ELSE 'queued' END,
                    ended_at = CASE WHEN cancelling THEN $4 ELSE NULL END
@@ -182,7 +182,7 @@ macro_rules! orphans {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn recover(store: &Store, now: Timestamp) -> Result<Recovered, StoreError> {
+pub(crate) async fn recover(store: &Store, now: Timestamp) -> Result<Recovered, StoreError> {
     let mut tx = store.write().await?;
     if store.is_shared() {
         let sql = "DELETE FROM workers WHERE until < (SELECT ms FROM clock)";
@@ -224,7 +224,7 @@ pub async fn recover(store: &Store, now: Timestamp) -> Result<Recovered, StoreEr
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn cancelling(store: &Store, worker: i64) -> Result<Vec<String>, StoreError> {
+pub(crate) async fn cancelling(store: &Store, worker: i64) -> Result<Vec<String>, StoreError> {
     let sql = "SELECT id FROM jobs WHERE state = 'running' AND cancelling AND boot = $1";
     Ok(query_scalar(sql).bind(worker).fetch_all(&store.reader).await?)
 }
@@ -247,7 +247,7 @@ async fn note_failed_job(tx: &mut Session, job: &JobRecord, now: Timestamp) -> R
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
+pub(crate) async fn cancel(store: &Store, id: &str, now: Timestamp) -> Result<Option<JobRecord>, StoreError> {
     let mut tx = store.write().await?;
     query("UPDATE jobs SET state = 'cancelled', ended_at = $2 WHERE id = $1 AND state = 'queued'")
         .bind(id)

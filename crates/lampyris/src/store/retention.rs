@@ -67,7 +67,7 @@ const DISPENSABLE_WINDOWS: &str = "SELECT w.sequence, w.id FROM windows w \
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_jobs(
+pub(crate) async fn forget_jobs(
     store: &Store,
     estimates: Option<Timestamp>,
     diagnoses: Option<Timestamp>,
@@ -104,7 +104,7 @@ pub async fn forget_jobs(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, StoreError> {
+pub(crate) async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, StoreError> {
     let sql = "DELETE FROM batches WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM batch_jobs b WHERE \
         b.batch = batches.id) \
         AND NOT EXISTS (SELECT 1 FROM schedules s WHERE s.last_batch = batches.id)";
@@ -119,7 +119,7 @@ pub async fn forget_batches(store: &Store, before: Timestamp) -> Result<u64, Sto
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn shorten_fits(store: &Store, before: Timestamp) -> Result<u64, StoreError> {
+pub(crate) async fn shorten_fits(store: &Store, before: Timestamp) -> Result<u64, StoreError> {
     let sql = "UPDATE fits SET replay = NULL WHERE id IN (SELECT f.id FROM fits f WHERE f.replay IS NOT NULL AND \
         f.created_at < $1 AND NOT EXISTS (SELECT 1 FROM revisions r WHERE r.fit = f.id) \
         AND NOT EXISTS (SELECT 1 FROM offers o WHERE o.fit = f.id AND NOT EXISTS (SELECT 1 FROM decisions d \
@@ -141,7 +141,7 @@ pub async fn shorten_fits(store: &Store, before: Timestamp) -> Result<u64, Store
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn dispensable_windows(
+pub(crate) async fn dispensable_windows(
     store: &Store,
     before: Timestamp,
     days: u32,

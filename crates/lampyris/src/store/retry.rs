@@ -25,7 +25,7 @@ pub enum Retried {
 ///
 /// # Errors
 /// Where the queue is full, the key belongs to another request, or the database fails.
-pub async fn retry(
+pub(crate) async fn retry(
     store: &Store,
     id: &str,
     key: Option<&RequestKey>,

@@ -209,7 +209,11 @@ pub struct Trusted {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn trusted(store: &Store, system: &SystemId, then: Timestamp) -> Result<Trusted, StoreError> {
+pub(crate) async fn trusted(
+    store: &Store,
+    system: &SystemId,
+    then: Timestamp,
+) -> Result<Trusted, StoreError> {
     let sql = "SELECT (SELECT MAX(revision) FROM revisions WHERE system = $1 AND COALESCE(published_at, \
         fitted_at) <= $2), \
         (SELECT MAX(revision) FROM revisions WHERE system = $1 AND cause IN ('promoted', 'pinned'))";
@@ -241,7 +245,7 @@ async fn fit(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     system: &SystemId,
     before: i64,

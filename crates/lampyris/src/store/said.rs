@@ -85,7 +85,7 @@ impl PackedSaid {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result<(), StoreError> {
+pub(crate) async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result<(), StoreError> {
     let bytes: usize = said.iter().flat_map(|(_, outputs)| outputs).map(PackedSaid::bytes).sum();
     let mut tx = store.write().await?;
     store.require_room(&mut tx, bytes).await?;
@@ -114,7 +114,11 @@ pub async fn keep(store: &Store, said: &[(SystemId, Vec<PackedSaid>)]) -> Result
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn since(store: &Store, system: &SystemId, from: Timestamp) -> Result<Vec<PackedSaid>, StoreError> {
+pub(crate) async fn since(
+    store: &Store,
+    system: &SystemId,
+    from: Timestamp,
+) -> Result<Vec<PackedSaid>, StoreError> {
     let sql = "SELECT output, made_at, revision, at_ms, said, sd FROM said_forecasts WHERE system = $1 AND \
         made_at >= $2 ORDER BY output, quarter";
     let query = query_as(sql).bind(system.to_string()).bind(millis(from));
@@ -137,7 +141,7 @@ pub async fn since(store: &Store, system: &SystemId, from: Timestamp) -> Result<
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), StoreError> {
+pub(crate) async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), StoreError> {
     let sql = "SELECT COUNT(*), COALESCE(MAX(made_at), 0) FROM said_forecasts WHERE system = $1";
     Ok(query_as(sql).bind(system.to_string()).fetch_one(&store.reader).await?)
 }
@@ -146,7 +150,7 @@ pub async fn version(store: &Store, system: &SystemId) -> Result<(i64, i64), Sto
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_old(store: &Store, now: Timestamp) -> Result<(), StoreError> {
+pub(crate) async fn forget_old(store: &Store, now: Timestamp) -> Result<(), StoreError> {
     let before = now.saturating_sub(KEPT).map_or(0, millis);
     let mut tx = store.write().await?;
     query("DELETE FROM said_forecasts WHERE made_at < $1").bind(before).execute(&mut *tx).await?;

@@ -83,7 +83,7 @@ row! {
 ///
 /// # Errors
 /// Where the database fails; then none of them is kept.
-pub async fn append(
+pub(crate) async fn append(
     store: &Store,
     posts: &[Post],
     converts: impl Fn(&str, &str) -> bool,
@@ -187,7 +187,7 @@ async fn window_of_today(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, StoreError> {
+pub(crate) async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, StoreError> {
     let mut tx = store.reader.begin().await?;
     let name = system.to_string();
     let sql = "SELECT w.* FROM windows w WHERE w.system = $1 AND EXISTS (SELECT 1 FROM samples s WHERE s.window_id \
@@ -218,7 +218,12 @@ pub async fn open(store: &Store, system: &SystemId) -> Result<Option<Open>, Stor
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn, now: Timestamp) -> Result<bool, StoreError> {
+pub(crate) async fn lay_in(
+    store: &Store,
+    open: &Open,
+    laid: &LaidIn,
+    now: Timestamp,
+) -> Result<bool, StoreError> {
     let report = compress("a report", &laid.report)?;
     let mut tx = store.write().await?;
     let system = open.window.system.to_string();
@@ -248,7 +253,7 @@ pub async fn lay_in(store: &Store, open: &Open, laid: &LaidIn, now: Timestamp) -
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn due(store: &Store, posts: i64, before: Timestamp) -> Result<Vec<SystemId>, StoreError> {
+pub(crate) async fn due(store: &Store, posts: i64, before: Timestamp) -> Result<Vec<SystemId>, StoreError> {
     let sql = "SELECT system FROM samples GROUP BY system HAVING COUNT(*) >= $1 OR MIN(came_at) < $2";
     let names: Vec<String> =
         query_scalar(sql).bind(posts).bind(millis(before)).fetch_all(&store.reader).await?;

@@ -97,7 +97,7 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(
+pub(crate) async fn put(
     store: &Store,
     new: &NewSchedule<'_>,
     who: &str,
@@ -134,7 +134,7 @@ pub async fn put(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Result<bool, StoreError> {
+pub(crate) async fn delete(store: &Store, name: &str, who: &str, now: Timestamp) -> Result<bool, StoreError> {
     let mut tx = store.write().await?;
     let done = query("DELETE FROM schedules WHERE name = $1").bind(name).execute(&mut *tx).await?;
     let was_there = done > 0;
@@ -164,7 +164,7 @@ pub async fn get(store: &Store, name: &str) -> Result<Option<ScheduleRecord>, St
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
+pub(crate) async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
     let rows: Vec<Row> = query_as("SELECT * FROM schedules ORDER BY name").fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
 }
@@ -176,7 +176,7 @@ pub async fn all(store: &Store) -> Result<Vec<ScheduleRecord>, StoreError> {
 ///
 /// # Errors
 /// Where the queue is full or the database fails.
-pub async fn tick(
+pub(crate) async fn tick(
     store: &Store,
     name: &str,
     tick: Timestamp,
@@ -226,7 +226,12 @@ pub async fn tick(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn note_run(store: &Store, name: &str, batch: &str, now: Timestamp) -> Result<(), StoreError> {
+pub(crate) async fn note_run(
+    store: &Store,
+    name: &str,
+    batch: &str,
+    now: Timestamp,
+) -> Result<(), StoreError> {
     let mut tx = store.write().await?;
     note_run_in(&mut tx, name, batch, now).await?;
     tx.commit().await?;

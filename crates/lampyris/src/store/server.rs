@@ -30,7 +30,7 @@ pub struct ServerState {
 ///
 /// # Errors
 /// Where it cannot be reached, or its schema is none that this program knows.
-pub async fn look(url: &str) -> Result<ServerState, StoreError> {
+pub(crate) async fn look(url: &str) -> Result<ServerState, StoreError> {
     let mut connection = postgres::connect(url).await?;
     postgres::require_known(&mut connection).await?;
     let one = &mut connection;

@@ -31,7 +31,7 @@ row! {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn get(store: &Store, name: &str) -> Result<Option<SourceRecord>, StoreError> {
+pub(crate) async fn get(store: &Store, name: &str) -> Result<Option<SourceRecord>, StoreError> {
     let sql = "SELECT document, changed_by, changed_at FROM sources WHERE name = $1";
     let row: Option<Row> = query_as(sql).bind(name).fetch_optional(&store.reader).await?;
     let record = |row: Row| {
@@ -48,7 +48,7 @@ pub async fn get(store: &Store, name: &str) -> Result<Option<SourceRecord>, Stor
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn put(
+pub(crate) async fn put(
     store: &Store,
     name: &str,
     document: &str,

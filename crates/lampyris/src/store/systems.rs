@@ -240,7 +240,7 @@ const BELONGINGS: [&str; 24] = [
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(
+pub(crate) async fn delete(
     store: &Store,
     system: &SystemId,
     force: bool,
@@ -282,7 +282,7 @@ pub async fn delete(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn by_model(store: &Store, scope: &SystemScope) -> Result<Vec<(ModelId, i64)>, StoreError> {
+pub(crate) async fn by_model(store: &Store, scope: &SystemScope) -> Result<Vec<(ModelId, i64)>, StoreError> {
     let sql = "SELECT model, COUNT(*) FROM systems WHERE model <> $1 AND ($2 IS NULL OR EXISTS \
         (SELECT 1 FROM json_each($2) WHERE glob(value, system))) GROUP BY model ORDER BY model";
     let rows: Vec<(String, i64)> =
@@ -308,7 +308,7 @@ async fn needs(tx: &mut Session, system: &str) -> Result<Needs, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn get(store: &Store, system: &SystemId) -> Result<Option<SystemRecord>, StoreError> {
+pub(crate) async fn get(store: &Store, system: &SystemId) -> Result<Option<SystemRecord>, StoreError> {
     let sql = "SELECT * FROM systems WHERE system = $1";
     let row: Option<Row> = query_as(sql).bind(system.to_string()).fetch_optional(&store.reader).await?;
     row.map(Row::record).transpose()
@@ -318,7 +318,7 @@ pub async fn get(store: &Store, system: &SystemId) -> Result<Option<SystemRecord
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId>, StoreError> {
+pub(crate) async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId>, StoreError> {
     let sql = match thing {
         Thing::Job => "SELECT system FROM jobs WHERE id = $1",
         Thing::Fit => "SELECT system FROM fits WHERE id = $1",
@@ -336,7 +336,7 @@ pub async fn of(store: &Store, thing: Thing, id: &str) -> Result<Option<SystemId
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
+pub(crate) async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
     let sql = "SELECT * FROM systems ORDER BY system";
     let rows: Vec<Row> = query_as(sql).fetch_all(&store.reader).await?;
     rows.into_iter().map(Row::record).collect()
@@ -346,7 +346,7 @@ pub async fn all(store: &Store) -> Result<Vec<SystemRecord>, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn some(
+pub(crate) async fn some(
     store: &Store,
     reach: &SystemScope,
     systems: &[SystemId],
@@ -362,7 +362,7 @@ pub async fn some(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     reach: &SystemScope,
     after: &str,

@@ -93,7 +93,7 @@ impl Row {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<bool, StoreError> {
+pub(crate) async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<bool, StoreError> {
     let sql = "INSERT INTO tokens (name, hash, scope, systems, created_at, expires_at) VALUES ($1, $2, $3, \
         $4, $5, $6) \
         ON CONFLICT (name) DO NOTHING";
@@ -121,7 +121,12 @@ pub async fn insert(store: &Store, token: &TokenRecord, who: &str) -> Result<boo
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn revoke(store: &Store, name: &str, who: &str, now: Timestamp) -> Result<Revoked, StoreError> {
+pub(crate) async fn revoke(
+    store: &Store,
+    name: &str,
+    who: &str,
+    now: Timestamp,
+) -> Result<Revoked, StoreError> {
     let mut tx = store.write().await?;
     let known: Option<Option<i64>> = query_scalar("SELECT revoked_at FROM tokens WHERE name = $1")
         .bind(name)

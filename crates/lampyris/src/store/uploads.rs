@@ -85,7 +85,7 @@ pub enum Written {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn find(
+pub(crate) async fn find(
     store: &Store,
     system: &SystemId,
     (id, span): (&str, (i64, i64)),
@@ -117,7 +117,7 @@ pub async fn find(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn acknowledge(
+pub(crate) async fn acknowledge(
     store: &Store,
     key: Option<&RequestKey>,
     window: &str,
@@ -136,7 +136,7 @@ pub async fn acknowledge(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn is_below(store: &Store, window: &WindowRecord) -> Result<bool, StoreError> {
+pub(crate) async fn is_below(store: &Store, window: &WindowRecord) -> Result<bool, StoreError> {
     let sql = "SELECT EXISTS (SELECT 1 FROM windows WHERE system = $1 AND sequence > $2 AND from_ms <= $4 AND \
         to_ms >= $3)";
     let query = query_scalar(sql).bind(window.system.to_string()).bind(window.sequence);
@@ -147,7 +147,7 @@ pub async fn is_below(store: &Store, window: &WindowRecord) -> Result<bool, Stor
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn write(
+pub(crate) async fn write(
     store: &Store,
     system: &SystemId,
     upload: &Upload,
@@ -247,7 +247,7 @@ impl UploadPlace {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn forget_aliases(store: &Store, before: Timestamp) -> Result<(), StoreError> {
+pub(crate) async fn forget_aliases(store: &Store, before: Timestamp) -> Result<(), StoreError> {
     let sql = "DELETE FROM window_aliases WHERE sequence IN (SELECT sequence FROM windows WHERE uploaded_at < \
         $1 AND uploads > 1)";
     let mut tx = store.write().await?;

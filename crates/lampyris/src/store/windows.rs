@@ -113,7 +113,7 @@ impl WindowRow {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn get(store: &Store, id: &str) -> Result<Option<WindowRecord>, StoreError> {
+pub(crate) async fn get(store: &Store, id: &str) -> Result<Option<WindowRecord>, StoreError> {
     get_in(&mut store.reader.begin().await?, id).await
 }
 
@@ -128,7 +128,7 @@ pub(super) async fn get_in(connection: &mut Session, id: &str) -> Result<Option<
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn page(
+pub(crate) async fn page(
     store: &Store,
     system: &SystemId,
     before: i64,
@@ -145,7 +145,11 @@ pub async fn page(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Result<Stack, StoreError> {
+pub(crate) async fn stack(
+    store: &Store,
+    window: &WindowRecord,
+    span: (i64, i64),
+) -> Result<Stack, StoreError> {
     let mut tx = store.reader.begin().await?;
     let system = window.system.to_string();
     let version = days::version_in(&mut tx, &system).await?;
@@ -167,7 +171,10 @@ pub async fn stack(store: &Store, window: &WindowRecord, span: (i64, i64)) -> Re
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn obstacle(store: &Store, window: &WindowRecord) -> Result<Option<WindowDeletion>, StoreError> {
+pub(crate) async fn obstacle(
+    store: &Store,
+    window: &WindowRecord,
+) -> Result<Option<WindowDeletion>, StoreError> {
     obstacle_in(&mut store.reader.begin().await?, &window.id, &window.system.to_string()).await
 }
 
@@ -193,7 +200,7 @@ async fn obstacle_in(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn delete(
+pub(crate) async fn delete(
     store: &Store,
     window: &WindowRecord,
     (version, rebuilt): (i64, &Rebuilt),
@@ -269,7 +276,7 @@ pub(super) async fn readers(tx: &mut Session, system: &str) -> Result<Vec<String
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> {
+pub(crate) async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> {
     let sql = "SELECT w.id FROM fit_windows c JOIN windows w ON w.id = c.window_id WHERE c.fit = $1 ORDER BY \
         w.sequence";
     Ok(query_scalar(sql).bind(fit).fetch_all(&store.reader).await?)
@@ -279,7 +286,11 @@ pub async fn cited(store: &Store, fit: &str) -> Result<Vec<String>, StoreError> 
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn unit(store: &Store, system: &SystemId, channel: &str) -> Result<Option<String>, StoreError> {
+pub(crate) async fn unit(
+    store: &Store,
+    system: &SystemId,
+    channel: &str,
+) -> Result<Option<String>, StoreError> {
     unit_in(&mut store.reader.begin().await?, &system.to_string(), channel).await
 }
 

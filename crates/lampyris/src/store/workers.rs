@@ -69,7 +69,7 @@ pub async fn enlist(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn renew(store: &Store, worker: i64, lease: Duration) -> Result<bool, StoreError> {
+pub(crate) async fn renew(store: &Store, worker: i64, lease: Duration) -> Result<bool, StoreError> {
     let sql = "UPDATE workers SET until = (SELECT ms FROM clock) + $2 WHERE worker = $1 AND until >= (SELECT ms \
         FROM clock)";
     let mut tx = store.write_beside().await?;
@@ -82,7 +82,7 @@ pub async fn renew(store: &Store, worker: i64, lease: Duration) -> Result<bool, 
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn dismiss(store: &Store, worker: i64) -> Result<(), StoreError> {
+pub(crate) async fn dismiss(store: &Store, worker: i64) -> Result<(), StoreError> {
     let mut tx = store.write().await?;
     query("DELETE FROM workers WHERE worker = $1").bind(worker).execute(&mut *tx).await?;
     tx.commit().await
@@ -92,7 +92,7 @@ pub async fn dismiss(store: &Store, worker: i64) -> Result<(), StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn somebody_is_silent(store: &Store) -> Result<bool, StoreError> {
+pub(crate) async fn somebody_is_silent(store: &Store) -> Result<bool, StoreError> {
     let sql = "SELECT EXISTS (SELECT 1 FROM workers WHERE until < (SELECT ms FROM clock))";
     Ok(query_scalar(sql).fetch_one(&store.reader).await?)
 }
@@ -101,7 +101,7 @@ pub async fn somebody_is_silent(store: &Store) -> Result<bool, StoreError> {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn is_eldest(store: &Store, worker: i64, role: &str) -> Result<bool, StoreError> {
+pub(crate) async fn is_eldest(store: &Store, worker: i64, role: &str) -> Result<bool, StoreError> {
     let sql = "SELECT COALESCE(MIN(worker) = $1, FALSE) FROM workers WHERE until >= (SELECT ms FROM clock) AND \
         glob('*' || $2 || '*', roles)";
     Ok(query_scalar(sql).bind(worker).bind(role).fetch_one(&store.reader).await?)

@@ -94,7 +94,7 @@ fn rooms() -> Result<Vec<Room>, Failure> {
 }
 
 /// Diagnoses the rooms, and adds what they are missing to their models.
-pub async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>, Failure> {
+pub(crate) async fn find(service: &Service, hidden: bool) -> Result<Vec<DiagnosedRoom>, Failure> {
     let rooms = rooms()?;
     let mut submitted = Vec::new();
     for room in &rooms {

@@ -46,7 +46,7 @@ impl PlantFit {
 
 /// Makes the plant and fits it. The parameters that four effluent concentrations of a week hardly tell stay
 /// at their nominal values.
-pub async fn fit(service: &Service, hidden: bool) -> Result<PlantFit, Failure> {
+pub(crate) async fn fit(service: &Service, hidden: bool) -> Result<PlantFit, Failure> {
     let start = Instant::now();
     let system: SystemId = SYSTEM.parse().map_err(|error| Failure::Error(format!("{error}")))?;
     let catalogue = service.catalogue.current();

@@ -25,7 +25,7 @@ fn done(job: &JobRecord) -> &'static str {
 }
 
 /// Waits until all jobs have ended. `what` they are is said before, and a line of each as it ends.
-pub async fn wait(
+pub(crate) async fn wait(
     service: &Service,
     ids: &[String],
     hidden: bool,

@@ -168,7 +168,7 @@ impl Tokens {
 }
 
 /// Follows the database until the service stops.
-pub async fn follow(known: &Tokens, store: &Store, mut stopping: watch::Receiver<bool>) {
+pub(crate) async fn follow(known: &Tokens, store: &Store, mut stopping: watch::Receiver<bool>) {
     let mut is_readable = true;
     loop {
         tokio::select! {
@@ -228,7 +228,7 @@ pub async fn create(store: &Store, new: NewToken, who: &str) -> Result<Made, Ser
 ///
 /// # Errors
 /// Where there is no such token, or the database fails.
-pub async fn revoke(store: &Store, name: &str, who: &str) -> Result<(), ServiceError> {
+pub(crate) async fn revoke(store: &Store, name: &str, who: &str) -> Result<(), ServiceError> {
     match tokens::revoke(store, name, who, now()).await? {
         Revoked::Done | Revoked::Already => Ok(()),
         Revoked::NotThere => Err(ServiceError::NotFound("token", name.to_owned())),

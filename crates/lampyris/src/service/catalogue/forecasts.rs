@@ -41,7 +41,7 @@ pub struct TakenIssue {
 ///
 /// # Errors
 /// Every fault of the body, an unknown system, or where the database fails.
-pub async fn take(
+pub(crate) async fn take(
     service: &Service,
     system: &SystemId,
     (format, asked): (Format, BodyAsked),

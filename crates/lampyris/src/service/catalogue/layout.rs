@@ -18,7 +18,7 @@ pub struct Proposal {
 ///
 /// # Errors
 /// Every fault of the body, or too few sensors, or too little of them in common.
-pub async fn propose(
+pub(crate) async fn propose(
     format: Format,
     body: impl AsRef<[u8]> + Send + 'static,
 ) -> Result<Proposal, ServiceError> {

@@ -175,7 +175,7 @@ fn route(place: usize, rule: &LineRule, faults: &mut Vec<Fault>) -> Option<Route
 ///
 /// # Errors
 /// Where the database fails, or what it holds are no rules.
-pub async fn get(service: &Service) -> Result<(LineRules, Option<SourceRecord>), ServiceError> {
+pub(crate) async fn get(service: &Service) -> Result<(LineRules, Option<SourceRecord>), ServiceError> {
     let Some(record) = store::sources::get(&service.store, SOURCE).await? else {
         return Ok((LineRules::default(), None));
     };
@@ -188,7 +188,7 @@ pub async fn get(service: &Service) -> Result<(LineRules, Option<SourceRecord>),
 ///
 /// # Errors
 /// Every fault of the document, or where the database fails.
-pub async fn put(service: &Service, body: Value, who: &str) -> Result<(), ServiceError> {
+pub(crate) async fn put(service: &Service, body: Value, who: &str) -> Result<(), ServiceError> {
     let mut read = decode::read::<LineRules>(body, &Value::Null);
     let faults = read.document.as_ref().and_then(|rules| LineRouter::of(rules).err());
     read.add(faults.into_iter().flatten());

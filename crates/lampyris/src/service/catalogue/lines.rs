@@ -65,7 +65,7 @@ impl LineFaults {
 ///
 /// # Errors
 /// Where the body is no text, or something that passes stands in the way, so that it may be sent again.
-pub async fn take(
+pub(crate) async fn take(
     service: &Service,
     body: impl AsRef<[u8]> + Send + 'static,
     precision: TimePrecision,
@@ -89,7 +89,11 @@ pub async fn take(
 ///
 /// # Errors
 /// Where something that passes stands in the way.
-pub async fn keep(service: &Service, sorted: Sorted, tally: &LineTally) -> Result<TakenLines, ServiceError> {
+pub(crate) async fn keep(
+    service: &Service,
+    sorted: Sorted,
+    tally: &LineTally,
+) -> Result<TakenLines, ServiceError> {
     tally.add(&sorted.tally);
     let Sorted { windows, mut faults, .. } = sorted;
     let mut systems = Vec::new();

@@ -226,7 +226,7 @@ pub fn compiled(catalogue: &Catalogue, id: &ModelId) -> Result<Model, Vec<Fault>
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn create(
+pub(crate) async fn create(
     service: &Service,
     body: Value,
     who: &str,
@@ -334,7 +334,7 @@ fn try_on_any(catalogue: &Catalogue, effect: &EffectSpec, name: &str) -> Result<
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn create_effect(
+pub(crate) async fn create_effect(
     service: &Service,
     body: Value,
     who: &str,
@@ -362,7 +362,7 @@ pub async fn create_effect(
 ///
 /// # Errors
 /// Its faults, another document with the same id, or where the database fails.
-pub async fn add_effect(
+pub(crate) async fn add_effect(
     service: &Service,
     parent: &ModelId,
     body: Value,

@@ -22,7 +22,7 @@ const TICK: Duration = Duration::from_secs(60);
 const TRIES: usize = 8;
 
 /// Lays open posts into the days until the service stops.
-pub async fn run(service: Arc<Service>) {
+pub(crate) async fn run(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
         service.kept_posts.look();

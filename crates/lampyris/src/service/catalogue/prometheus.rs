@@ -103,7 +103,7 @@ impl PrometheusSource {
 ///
 /// # Errors
 /// Where the database fails, or what it holds is no such document.
-pub async fn get(service: &Service) -> Result<Option<(PrometheusSource, SourceRecord)>, ServiceError> {
+pub(crate) async fn get(service: &Service) -> Result<Option<(PrometheusSource, SourceRecord)>, ServiceError> {
     let Some(record) = store::sources::get(&service.store, SOURCE).await? else { return Ok(None) };
     let source = serde_json::from_value(record.document.clone())
         .map_err(|error| ServiceError::Internal(format!("the source `{SOURCE}`: {error}")))?;
@@ -114,7 +114,7 @@ pub async fn get(service: &Service) -> Result<Option<(PrometheusSource, SourceRe
 ///
 /// # Errors
 /// Every fault of the document, or where the database fails.
-pub async fn put(service: &Service, body: Value, who: &str) -> Result<(), ServiceError> {
+pub(crate) async fn put(service: &Service, body: Value, who: &str) -> Result<(), ServiceError> {
     let mut read = decode::read::<PrometheusSource>(body, &Value::Null);
     let faults = read.document.as_ref().map(PrometheusSource::faults);
     read.add(faults.unwrap_or_default());

@@ -18,7 +18,7 @@ const ENOUGH_SYSTEMS: usize = 3;
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn systems_by_effect(
+pub(crate) async fn systems_by_effect(
     service: &Service,
     scope: &SystemScope,
 ) -> Result<BTreeMap<String, usize>, ServiceError> {
@@ -45,7 +45,7 @@ pub fn is_tried(effect: &str, systems: &BTreeMap<String, usize>) -> bool {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn tried(service: &Service, model: &ModelId) -> Result<Arc<Catalogue>, ServiceError> {
+pub(crate) async fn tried(service: &Service, model: &ModelId) -> Result<Arc<Catalogue>, ServiceError> {
     let catalogue = service.catalogue.current();
     let proposed = catalogue.effects().map(|effect| effect.id.clone());
     let proposed: Vec<String> =

@@ -101,7 +101,7 @@ impl SamplesBody {
 ///
 /// # Errors
 /// Every fault of the body, an unknown system, or where the database fails.
-pub async fn take(
+pub(crate) async fn take(
     service: &Service,
     system: &SystemId,
     body: SamplesSent,
@@ -116,7 +116,7 @@ pub async fn take(
 ///
 /// # Errors
 /// Where the database fails; then nothing is kept.
-pub async fn take_many(
+pub(crate) async fn take_many(
     service: &Service,
     all: Vec<(SystemId, ReadSamples)>,
 ) -> Result<Vec<(SystemId, Result<TakenSamples, ServiceError>)>, ServiceError> {
@@ -155,7 +155,7 @@ pub enum SamplesSent {
 ///
 /// # Errors
 /// Every fault of the body, an unknown system, or where the database fails.
-pub async fn read(service: &Service, system: &SystemId, body: SamplesSent) -> ReadSamples {
+pub(crate) async fn read(service: &Service, system: &SystemId, body: SamplesSent) -> ReadSamples {
     let document = systems::require(service, system).await?;
     let (columns, asked) = (document.columns(), BodyAsked::default().for_system(&document));
     let now = service.now();

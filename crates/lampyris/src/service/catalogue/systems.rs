@@ -85,7 +85,7 @@ fn without_model(system: &SystemId) -> Vec<Fault> {
 /// # Errors
 /// Where there is none, a job needs it, it has a history or dependents and nobody forces it, or the database
 /// fails.
-pub async fn delete(
+pub(crate) async fn delete(
     service: &Service,
     system: &SystemId,
     force: bool,
@@ -118,7 +118,7 @@ pub async fn delete(
 ///
 /// # Errors
 /// Where there is no such system, or the database fails.
-pub async fn require(service: &Service, system: &SystemId) -> Result<SystemDocument, ServiceError> {
+pub(crate) async fn require(service: &Service, system: &SystemId) -> Result<SystemDocument, ServiceError> {
     let record = store::systems::get(&service.store, system)
         .await?
         .ok_or_else(|| ServiceError::NoSystem(system.clone()))?;

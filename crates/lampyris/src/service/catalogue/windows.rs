@@ -231,7 +231,7 @@ pub(super) fn ahead_of_clock(newest_ms: i64, now: Timestamp) -> Option<Fault> {
 ///
 /// # Errors
 /// Where there is none, a fit cites it, a running job may be reading it, or the database fails.
-pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), ServiceError> {
+pub(crate) async fn delete(service: &Service, id: &str, who: &str) -> Result<(), ServiceError> {
     let refused =
         |slug, detail, because| Err(ServiceError::Refused(Refusal { slug, detail, because: Some(because) }));
     match remove(service, id, who, None).await? {
@@ -255,7 +255,7 @@ pub async fn delete(service: &Service, id: &str, who: &str) -> Result<(), Servic
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn remove(
+pub(crate) async fn remove(
     service: &Service,
     id: &str,
     who: &str,
@@ -313,7 +313,7 @@ impl BodyAsked {
 ///
 /// # Errors
 /// Where there is no table in it.
-pub async fn reading(
+pub(crate) async fn reading(
     body: impl AsRef<[u8]> + Send + 'static,
     asked: DialectAsked,
 ) -> Result<FileReading, ServiceError> {

@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const AFTER_FAILURE: Duration = Duration::from_millis(500);
 
 /// Follows what is committed after a place until the service stops.
-pub async fn follow(service: Arc<Service>, mut position: i64) {
+pub(crate) async fn follow(service: Arc<Service>, mut position: i64) {
     let mut stopping = service.stopping.subscribe();
     let mut newest = 0;
     while !*stopping.borrow_and_update() {

@@ -23,7 +23,7 @@ const SAME_DAYS: i64 = 14;
 ///
 /// # Errors
 /// Where the database fails; then the next call makes up for it.
-pub async fn catch_up(service: &Service) -> Result<(), ServiceError> {
+pub(crate) async fn catch_up(service: &Service) -> Result<(), ServiceError> {
     let _one_at_a_time = service.events.reading.lock().await;
     let newest = store::events::newest(&service.store).await?;
     let mut after = service.events.sequence();
@@ -65,7 +65,7 @@ async fn first_seen(service: &Service, fit: String) -> Result<Option<ChangeSeen>
 }
 
 /// Keeps the log up to date until the service stops.
-pub async fn follow(service: Arc<Service>) {
+pub(crate) async fn follow(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
         // Interest is registered before the database is asked, so that a job that comes in between is not

@@ -69,7 +69,7 @@ struct Told {
 }
 
 /// Tells what happens until the service stops.
-pub async fn run(service: Arc<Service>) {
+pub(crate) async fn run(service: Arc<Service>) {
     if let Some(settings) = service.settings.notify.clone() {
         let (sender, waiting) = channel(WAITING);
         let telling =

@@ -26,7 +26,7 @@ pub const MOST_FITS: usize = 8;
 ///
 /// # Errors
 /// Where there is no such fit, it cannot be run again, or there is nothing in the range.
-pub async fn one(
+pub(crate) async fn one(
     service: &Service,
     id: &str,
     asked: &ComparisonAsked,
@@ -79,7 +79,7 @@ pub fn document(
 ///
 /// # Errors
 /// All unknown fits at once, fits of different systems, and as [`one`].
-pub async fn several(
+pub(crate) async fn several(
     service: &Service,
     reach: &SystemScope,
     ids: &[String],

@@ -51,7 +51,7 @@ pub struct DiagnosticsDocument<'a> {
 ///
 /// # Errors
 /// Where there is no such fit or no such output, or the fit cannot be run again.
-pub async fn diagnostics(
+pub(crate) async fn diagnostics(
     service: &Service,
     id: &str,
     output: Option<String>,

@@ -85,7 +85,7 @@ pub struct SystemExperiment {
 /// # Errors
 /// Every fault of the request; where nothing is served, or the fit cannot be run again; as CSV where no plan
 /// keeps the comfort bounds.
-pub async fn plans(
+pub(crate) async fn plans(
     service: &Service,
     system: &SystemId,
     body: Value,

@@ -33,7 +33,7 @@ pub struct FittedModel {
 ///
 /// # Errors
 /// Where there is no such fit, or its model has changed since.
-pub async fn of_fit(
+pub(crate) async fn of_fit(
     service: &Service,
     id: &str,
     format: ExportFormat,
@@ -45,7 +45,7 @@ pub async fn of_fit(
 ///
 /// # Errors
 /// Where its documents do not agree.
-pub async fn of_model(
+pub(crate) async fn of_model(
     service: &Service,
     id: ModelId,
     format: EquationFormat,
@@ -59,7 +59,7 @@ pub async fn of_model(
 ///
 /// # Errors
 /// Where there is no such system, nothing is served, or the model has changed since.
-pub async fn in_force(
+pub(crate) async fn in_force(
     service: &Service,
     system: &SystemId,
     format: ExportFormat,

@@ -80,7 +80,7 @@ pub struct SystemLinearisation {
 ///
 /// # Errors
 /// Every fault of the request; where nothing is served, or the fit cannot be run again.
-pub async fn ahead(
+pub(crate) async fn ahead(
     service: &Service,
     system: &SystemId,
     body: Value,
@@ -108,7 +108,7 @@ pub async fn ahead(
 ///
 /// # Errors
 /// Those of [`ahead`].
-pub async fn along(
+pub(crate) async fn along(
     service: &Service,
     system: &SystemId,
     body: Value,
@@ -128,7 +128,7 @@ pub async fn along(
 ///
 /// # Errors
 /// Those of [`ahead`].
-pub async fn now(
+pub(crate) async fn now(
     service: &Service,
     system: &SystemId,
     step: Duration,

@@ -43,7 +43,7 @@ pub struct MissingHeatWanted {
 /// # Errors
 /// Where there is no such fit or no such output, the output shows no state, the model has no filter, or the
 /// fit cannot be run again.
-pub async fn of_fit(
+pub(crate) async fn of_fit(
     service: &Service,
     id: &str,
     wanted: MissingHeatWanted,
@@ -68,7 +68,7 @@ pub async fn of_fit(
 ///
 /// # Errors
 /// Where there is no such diagnosis, and as [`of_fit`] does.
-pub async fn of_diagnosis(
+pub(crate) async fn of_diagnosis(
     service: &Service,
     id: &str,
     wanted: MissingHeatWanted,

@@ -31,7 +31,7 @@ pub struct SystemChanges {
 ///
 /// # Errors
 /// Where nothing is served, the model of the fit has no filter, or the fit no longer fits the channels.
-pub async fn of_system(service: &Service, system: &SystemId) -> Result<RenderedAnswer, ServiceError> {
+pub(crate) async fn of_system(service: &Service, system: &SystemId) -> Result<RenderedAnswer, ServiceError> {
     let (_, served) = subject::in_force(service, system).await?;
     let key = subject::key(service, "changes", &[&served], "").await?;
     if let Some(answer) = service.interactive.known(&key) {

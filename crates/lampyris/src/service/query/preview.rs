@@ -80,7 +80,7 @@ enum PreviewEffect {
 ///
 /// # Errors
 /// Every fault of the model, the values and the window, or where the database fails.
-pub async fn run(service: &Service, body: Value) -> Result<RenderedAnswer, ServiceError> {
+pub(crate) async fn run(service: &Service, body: Value) -> Result<RenderedAnswer, ServiceError> {
     let request: Request = decode::decode(body).map_err(ServiceError::Faults)?;
     let faults = faults(&request);
     if !faults.is_empty() {

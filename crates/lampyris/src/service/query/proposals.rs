@@ -31,7 +31,7 @@ pub struct ProposalsDocument<'a> {
 ///
 /// # Errors
 /// Where there is no such fit, its model has no filter or no measured state, or it cannot be run again.
-pub async fn of_fit(service: &Service, id: &str) -> Result<RenderedAnswer, ServiceError> {
+pub(crate) async fn of_fit(service: &Service, id: &str) -> Result<RenderedAnswer, ServiceError> {
     let record = subject::require(service, id).await?;
     let (_, end) = window_of(&record.fit).map_err(ServiceError::Faults)?;
     let rate = service.settings.diagnose.accusation_rate;

@@ -49,7 +49,7 @@ struct OutputScores {
 ///
 /// # Errors
 /// An unknown system, or where the database fails.
-pub async fn answer(service: &Service, system: &SystemId) -> Result<RenderedAnswer, ServiceError> {
+pub(crate) async fn answer(service: &Service, system: &SystemId) -> Result<RenderedAnswer, ServiceError> {
     let document = systems::require(service, system).await?;
     let measured = store::measured::version(&service.store, system).await?;
     let (count, newest) = store::said::version(&service.store, system).await?;

@@ -61,7 +61,7 @@ struct Wanted {
 /// # Errors
 /// Every fault of what is asked, an unknown system, windows that do not fit together, or where the database
 /// fails.
-pub async fn view<T: Send + 'static>(
+pub(crate) async fn view<T: Send + 'static>(
     service: &Service,
     system: &SystemId,
     asked: &SeriesAsked,

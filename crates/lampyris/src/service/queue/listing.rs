@@ -15,7 +15,7 @@ const AT_ONCE: i64 = 100;
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// Goes through all of them, or until the service stops.
-pub async fn run(service: Arc<Service>) {
+pub(crate) async fn run(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
         match list_some(&service).await {

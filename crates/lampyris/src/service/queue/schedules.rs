@@ -223,7 +223,7 @@ pub fn selected(body: &Value) -> Vec<SystemPattern> {
 ///
 /// # Errors
 /// Every fault of the document, or where the database fails.
-pub async fn put(service: &Service, name: &str, body: Value, who: &str) -> Result<bool, ServiceError> {
+pub(crate) async fn put(service: &Service, name: &str, body: Value, who: &str) -> Result<bool, ServiceError> {
     let (document, request) = read(service, name, body).map_err(ServiceError::Faults)?;
     let zone = document.zone.as_deref().unwrap_or(&service.settings.zone);
     let request =
@@ -238,7 +238,7 @@ pub async fn put(service: &Service, name: &str, body: Value, who: &str) -> Resul
 ///
 /// # Errors
 /// Where it is part of the service, there is none, or the database fails.
-pub async fn delete(service: &Service, name: &str, who: &str) -> Result<(), ServiceError> {
+pub(crate) async fn delete(service: &Service, name: &str, who: &str) -> Result<(), ServiceError> {
     if name == NIGHTLY {
         let detail = "the nightly schedule is part of the service: put it with `\"enabled\": false` instead";
         return Err(Refusal::new("schedule-not-removable", detail).into());
@@ -254,7 +254,7 @@ pub async fn delete(service: &Service, name: &str, who: &str) -> Result<(), Serv
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn ensure_nightly(service: &Service) -> Result<(), ServiceError> {
+pub(crate) async fn ensure_nightly(service: &Service) -> Result<(), ServiceError> {
     if store::schedules::get(&service.store, NIGHTLY).await?.is_none() {
         put(service, NIGHTLY, json!({ "cron": NIGHTLY_CRON, "systems": ["room/*"] }), SERVICE).await?;
     }
@@ -271,7 +271,7 @@ pub fn request(schedule: &ScheduleRecord) -> Result<BatchRequest, ServiceError> 
 }
 
 /// Deals with ticks until the service stops.
-pub async fn run(service: Arc<Service>) {
+pub(crate) async fn run(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
         let mut woken = pin!(service.wake_schedule.notified());

@@ -80,7 +80,11 @@ fn with_defaults(service: &Service, kind: JobKind, settings: &Map<String, Value>
 ///
 /// # Errors
 /// Where there is no such job or it has not ended, a full queue, a reused key, or where the database fails.
-pub async fn retry(service: &Service, id: &str, key: Option<&RequestKey>) -> Result<Submitted, ServiceError> {
+pub(crate) async fn retry(
+    service: &Service,
+    id: &str,
+    key: Option<&RequestKey>,
+) -> Result<Submitted, ServiceError> {
     match store::retry::retry(&service.store, id, key, service.queue_limit(), service.now()).await? {
         Retried::Submitted(submitted) => Ok(told(service, *submitted)),
         Retried::NotFinished(state) => Err(ServiceError::NotFinished(id.to_owned(), state)),
@@ -100,7 +104,7 @@ fn told(service: &Service, submitted: Submitted) -> Submitted {
 ///
 /// # Errors
 /// Where the system's defaults give no request, the queue is full, or the database fails.
-pub async fn refit(
+pub(crate) async fn refit(
     service: &Service,
     system: &SystemId,
     document: &SystemDocument,
@@ -124,7 +128,7 @@ pub async fn refit(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn further_faults(
+pub(crate) async fn further_faults(
     service: &Service,
     body: &Value,
     known: &[Fault],
@@ -195,7 +199,7 @@ fn at_request(fault: Fault) -> Fault {
 ///
 /// # Errors
 /// A full queue, a reused key, or where the database fails.
-pub async fn several(
+pub(crate) async fn several(
     service: &Service,
     request: &BatchRequest,
     schedule: Option<&str>,
@@ -217,7 +221,7 @@ pub async fn several(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn batch(
+pub(crate) async fn batch(
     service: &Service,
     request: &BatchRequest,
     schedule: Option<&str>,
@@ -308,7 +312,7 @@ impl Draft {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Result<(), ServiceError> {
+pub(crate) async fn leave_out_answered(service: &Service, batch: &mut NewBatch) -> Result<(), ServiceError> {
     let answered = store::batches::answered(&service.store, &batch.jobs).await?;
     for (place, job) in std::mem::take(&mut batch.jobs).into_iter().enumerate() {
         if answered.contains(&place) {
@@ -334,7 +338,7 @@ pub fn entered(service: &Service) {
 ///
 /// # Errors
 /// Where the job has come to a result already, or the database fails.
-pub async fn cancel(service: &Service, id: &str) -> Result<Option<JobRecord>, ServiceError> {
+pub(crate) async fn cancel(service: &Service, id: &str) -> Result<Option<JobRecord>, ServiceError> {
     let Some(job) = store::queue::cancel(&service.store, id, service.now()).await? else {
         return Ok(None);
     };

@@ -42,7 +42,7 @@ pub struct PinBody {
 ///
 /// # Errors
 /// Where the body has faults, there is no such fit, or it does not wait for this word.
-pub async fn decide(
+pub(crate) async fn decide(
     service: &Service,
     fit: &str,
     decision: Decision,
@@ -93,7 +93,12 @@ pub async fn decide(
 ///
 /// # Errors
 /// Where the body has faults, there is no such system, or nothing to pin.
-pub async fn pin(service: &Service, system: &SystemId, body: Value, who: &str) -> Result<(), ServiceError> {
+pub(crate) async fn pin(
+    service: &Service,
+    system: &SystemId,
+    body: Value,
+    who: &str,
+) -> Result<(), ServiceError> {
     let PinBody { fit, reason } = decode::decode(body).map_err(ServiceError::Faults)?;
     check_reason(&reason)?;
     systems::require(service, system).await?;
@@ -122,7 +127,7 @@ pub async fn pin(service: &Service, system: &SystemId, body: Value, who: &str) -
 ///
 /// # Errors
 /// Where there is no such system.
-pub async fn unpin(service: &Service, system: &SystemId, who: &str) -> Result<(), ServiceError> {
+pub(crate) async fn unpin(service: &Service, system: &SystemId, who: &str) -> Result<(), ServiceError> {
     systems::require(service, system).await?;
     store::pins::delete(&service.store, system, who, service.now()).await?;
     tracing::info!(%system, who, "unpinned by an operator");

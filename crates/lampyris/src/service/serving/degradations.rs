@@ -31,7 +31,7 @@ const LONGEST: Duration = Duration::from_days(60);
 
 /// Looks at one system after the other until the service stops. What arrived before the start is looked at
 /// first.
-pub async fn run(service: Arc<Service>, pool: ThreadPool) {
+pub(crate) async fn run(service: Arc<Service>, pool: ThreadPool) {
     match store::degradations::outdated(&service.store).await {
         Ok(systems) => systems.iter().for_each(|system| service.arrivals.note(system)),
         Err(error) => tracing::error!(%error, "systems with newer measurements could not be listed"),

@@ -14,7 +14,7 @@ use std::pin::pin;
 use std::sync::Arc;
 
 /// Keeps what is said until the service stops.
-pub async fn run(service: Arc<Service>) {
+pub(crate) async fn run(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {
         let mut told = pin!(service.said.told.notified());

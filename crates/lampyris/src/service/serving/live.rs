@@ -21,7 +21,7 @@ const LOOKED: SignedDuration = SignedDuration::from_hours(1);
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn go_on(
+pub(crate) async fn go_on(
     service: &Service,
     system: &SystemId,
     from: i64,

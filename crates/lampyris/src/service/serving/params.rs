@@ -36,7 +36,7 @@ const AT_ONCE: usize = 256;
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn load_all(service: &Service) -> Result<Ageing, ServiceError> {
+pub(crate) async fn load_all(service: &Service) -> Result<Ageing, ServiceError> {
     let (mut ageing, mut after) = (Ageing::default(), String::new());
     loop {
         let some = standings_after(&service.store, &after, AT_ONCE as i64).await?;
@@ -65,7 +65,7 @@ fn show(service: &Service, system: &SystemId, entry: Entry, ageing: &mut Ageing)
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn read_all_anew(service: &Service) -> Result<(), ServiceError> {
+pub(crate) async fn read_all_anew(service: &Service) -> Result<(), ServiceError> {
     for record in crate::store::systems::all(&service.store).await?.chunks(AT_ONCE) {
         service.store.read_anew(record.iter().map(|record| record.system.clone()).collect()).await;
     }
@@ -75,7 +75,11 @@ pub async fn read_all_anew(service: &Service) -> Result<(), ServiceError> {
 /// Shows what was committed, and publishes the turn to `stale` when its time has come, until the service
 /// stops. What cannot be read stays as it is and is tried again. A clock that was set makes every age another
 /// one.
-pub async fn follow(service: Arc<Service>, mut changes: UnboundedReceiver<Change>, mut ageing: Ageing) {
+pub(crate) async fn follow(
+    service: Arc<Service>,
+    mut changes: UnboundedReceiver<Change>,
+    mut ageing: Ageing,
+) {
     let mut stopping = service.stopping.subscribe();
     let mut known = (service.now(), Instant::now());
     let mut due = BTreeSet::new();

@@ -25,7 +25,7 @@ const LARGEST: u64 = 1 << 26;
 const MOST_VALUES: i64 = 10_000;
 
 /// Asks until the service stops.
-pub async fn run(service: Arc<Service>) {
+pub(crate) async fn run(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     // The source that is asked, and until when it has told everything.
     let mut known: Option<(PrometheusSource, i64)> = None;

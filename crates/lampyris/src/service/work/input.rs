@@ -81,7 +81,7 @@ pub struct Measurements {
 ///
 /// # Errors
 /// Where the system is gone or the database fails.
-pub async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, ServiceError> {
+pub(crate) async fn load(service: &Service, job: &JobRecord) -> Result<JobInput, ServiceError> {
     let document = systems::require(service, &job.system).await?;
     let request: EstimateRequest = serde_json::from_value(job.request.clone())
         .map_err(|error| ServiceError::Faults(vec![Fault::new("", "outdated-request", error.to_string())]))?;
@@ -185,7 +185,7 @@ async fn degraded(service: &Service, job: &JobRecord) -> Result<Option<i64>, Ser
 ///
 /// # Errors
 /// Where there are no measurements or the database fails.
-pub async fn collect(
+pub(crate) async fn collect(
     service: &Service,
     name: &SystemId,
     system: SystemDocument,
@@ -225,7 +225,7 @@ pub async fn collect(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn measurements(
+pub(crate) async fn measurements(
     service: &Service,
     system: &SystemId,
     document: &SystemDocument,

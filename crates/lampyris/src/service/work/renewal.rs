@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn recover(store: &Store, now: Timestamp) -> Result<Recovered, StoreError> {
+pub(crate) async fn recover(store: &Store, now: Timestamp) -> Result<Recovered, StoreError> {
     let recovered = queue::recover(store, now).await?;
     if !recovered.requeued.is_empty() || !recovered.failed.is_empty() {
         tracing::warn!(
@@ -35,7 +35,7 @@ pub async fn recover(store: &Store, now: Timestamp) -> Result<Recovered, StoreEr
 }
 
 /// Keeps the lease, and takes over what others leave, until the service stops.
-pub async fn keep(service: Arc<Service>) {
+pub(crate) async fn keep(service: Arc<Service>) {
     let mut stopping = service.stopping.subscribe();
     let mut renewed = Instant::now();
     while !*stopping.borrow_and_update() {

@@ -39,7 +39,7 @@ const TRIES: u32 = 5;
 const LEAST_GRACE: Duration = Duration::from_millis(1500);
 
 /// Claims and runs jobs on the threads of the numbered worker until the service stops.
-pub async fn run(service: Arc<Service>, mut pool: ThreadPool, worker: usize) {
+pub(crate) async fn run(service: Arc<Service>, mut pool: ThreadPool, worker: usize) {
     let _alive = Alive::new(&service.workers_alive);
     let mut stopping = service.stopping.subscribe();
     while !*stopping.borrow_and_update() {

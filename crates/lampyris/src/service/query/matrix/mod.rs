@@ -27,7 +27,7 @@ const AT_ONCE: i64 = 200;
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn rows(
+pub(crate) async fn rows(
     service: &Service,
     scopes: (&SystemScope, &SystemScope),
     after: &str,
@@ -61,7 +61,7 @@ fn all_rows(
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn summary(
+pub(crate) async fn summary(
     service: &Service,
     scopes: (&SystemScope, &SystemScope),
 ) -> Result<Vec<MatrixEffect>, ServiceError> {

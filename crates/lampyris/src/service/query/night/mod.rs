@@ -55,7 +55,7 @@ pub fn day_of(at: Timestamp, zone: &str) -> String {
 ///
 /// # Errors
 /// Where the database fails.
-pub async fn report(
+pub(crate) async fn report(
     service: &Service,
     reach: &SystemScope,
     night: Night,
