@@ -186,7 +186,7 @@ fn the_filter_and_its_forecasts_follow_delayed_inputs() {
     let valid = vec![true; 80];
     let measured: [MeasuredOutput; 1] = [(&truth, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
-    let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
+    let kalman = Kalman::new(&model, &simulator, &measured);
     let found = kalman.filter(
         &theta,
         &Noise { process: vec![0.1; model.states().len()], measurement: vec![1e-4] },

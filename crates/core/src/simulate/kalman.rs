@@ -37,8 +37,8 @@ impl Kalman<'_> {
     /// The last of samples `0..until` that the inputs lead to. An output may be ahead of an input, such as
     /// the weather, and what is hidden is not thrown away for that.
     pub fn reached(&self, until: usize) -> usize {
-        let known = &self.known;
-        (1..until.min(known.len())).rev().find(|k| known[k - 1]).unwrap_or(0)
+        let inputs = self.simulator.inputs();
+        (1..until.min(inputs.samples())).rev().find(|k| inputs.known(k - 1)).unwrap_or(0)
     }
 
     /// Filters samples `0..until`.
@@ -76,11 +76,10 @@ impl Kalman<'_> {
         likelihood: &mut [f64; W],
         mut keep: impl FnMut(&Walk<'_, W>, &[Option<Lane<W>>]),
     ) {
-        let Kalman { known, measured, .. } = self;
-        let reached = self.reached(until);
-        let mut innovations = vec![None; measured.len()];
-        for k in 0..until.min(known.len()) {
-            let started = k == 0 || !known[k - 1];
+        let (inputs, reached) = (self.simulator.inputs(), self.reached(until));
+        let mut innovations = vec![None; self.measured.len()];
+        for k in 0..until.min(inputs.samples()) {
+            let started = k == 0 || !inputs.known(k - 1);
             if started && k <= reached {
                 walk.start(k);
             } else if !started {
@@ -205,10 +204,11 @@ impl Kalman<'_> {
         let mut alive = vec![false; origins.len()];
         let mut meter = Meter::new(&self.simulator.brake);
         let work = LANES * (substeps * step_tape.step.len() + output_tape.step.len());
-        for k in *first..=(last + longest).min(self.known.len() - 1) {
+        let inputs = self.simulator.inputs();
+        for k in *first..=(last + longest).min(inputs.samples() - 1) {
             meter.add(work);
             if k > *first {
-                if self.known[k - 1] {
+                if inputs.known(k - 1) {
                     for step in 0..substeps {
                         drive.load(&mut file, k - 1, step);
                         file.step();
@@ -296,7 +296,7 @@ mod tests {
         let measured: [MeasuredOutput; 1] = [(&values, &valid)];
         // The mean goes through the stepper, whose error vanishes with the step; the variance does not.
         let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Rk4, 30);
-        let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
+        let kalman = Kalman::new(&model, &simulator, &measured);
         let (q, r) = (0.3, 0.04);
         let found = kalman.filter(&[A], &Noise { process: vec![q], measurement: vec![r] }, 40);
         let mut x = (values[0] + values[1] + values[2]) / 3.0;
@@ -323,7 +323,7 @@ mod tests {
         let valid = vec![true; 60];
         let measured: [MeasuredOutput; 1] = [(&values, &valid)];
         let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
-        let kalman = Kalman::new(&model, &simulator, &inputs, &measured);
+        let kalman = Kalman::new(&model, &simulator, &measured);
         let found = kalman.filter(&[A], &Noise { process: vec![0.1], measurement: vec![0.01] }, 60);
         let origins: Vec<usize> = (5..40).collect();
         for (origin, forecast) in origins.iter().zip(kalman.forecasts(&[A], &found, &origins, 24)) {

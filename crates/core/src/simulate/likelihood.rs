@@ -12,7 +12,7 @@
 //! exactly if that parameter is estimated. Behind a gap in the inputs the filter starts again; a missing
 //! measurement is passed over.
 
-use super::drive::{Drive, Inputs};
+use super::drive::Drive;
 use super::dual::{Dual, MatrixEntry, Scalar};
 use super::registers::Registers;
 use super::stepper::{field_tape, observation_tape};
@@ -38,7 +38,6 @@ pub struct Likelihood<'a> {
     observation_drive: Drive,
     initial: Vec<Initial>,
     measured: Vec<MeasuredOutput<'a>>,
-    known: Vec<bool>,
     /// Which parameters are estimated.
     estimated: Vec<bool>,
     linear: bool,
@@ -67,7 +66,6 @@ impl<'a> Likelihood<'a> {
     pub fn new(
         model: &Model,
         simulator: &'a Simulator,
-        inputs: &Inputs,
         measured: &[MeasuredOutput<'a>],
         estimated: &[usize],
     ) -> Self {
@@ -85,7 +83,7 @@ impl<'a> Likelihood<'a> {
         let straight = linear && !depends(model.rate(), &varies);
         let delayed =
             model.delays().iter().any(|delay| model.inputs()[delay.input].hold == InputHold::Linear);
-        let (_, _, substeps, _) = simulator.step_parts();
+        let (inputs, (_, _, substeps, _)) = (simulator.inputs(), simulator.step_parts());
         let steps = if straight && !delayed { 1 } else { substeps };
         let (field, observation) = (field_tape(model), observation_tape(model));
         Self {
@@ -96,7 +94,6 @@ impl<'a> Likelihood<'a> {
             observation,
             initial: model.states().iter().map(|state| state.initial).collect(),
             measured: measured.to_vec(),
-            known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
             estimated: (0..model.parameters().len()).map(|index| estimated.contains(&index)).collect(),
             linear,
             steps,
@@ -212,8 +209,9 @@ impl<'a> Likelihood<'a> {
         let mut meter = Meter::new(self.simulator.brake());
         let tapes = self.field.step.len() + step.as_ref().map_or(0, |_| step_tape.step.len());
         let work = self.steps * (2 * n.pow(3) + tapes) * (size_of::<T>() / size_of::<f64>());
-        for k in 0..until.min(self.known.len()) {
-            let started = k == 0 || !self.known[k - 1];
+        let inputs = self.simulator.inputs();
+        for k in 0..until.min(inputs.samples()) {
+            let started = k == 0 || !inputs.known(k - 1);
             meter.add(work);
             if started {
                 self.start(k, theta, &mut walk);

@@ -40,7 +40,7 @@ fn an_ornstein_uhlenbeck_process_has_its_closed_form() {
     let valid: Vec<bool> = (0..samples).map(|k| k % 7 != 3 && !(20..25).contains(&k)).collect();
     let measured: [MeasuredOutput; 1] = [(&values, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 2);
-    let likelihood = Likelihood::new(&model, &simulator, &inputs, &measured, &[0]);
+    let likelihood = Likelihood::new(&model, &simulator, &measured, &[0]);
     let (a, sigma, sd): (f64, f64, f64) = (0.8, 0.6, 0.2);
     let (mut x, mut p, mut expected, mut count) = (values[0], sd * sd, 0.0, 0);
     for k in 1..samples {
@@ -138,7 +138,7 @@ fn two_states_and_two_sensors_agree_with_a_dense_filter_of_small_steps() {
     let valid = vec![true; samples];
     let measured: [MeasuredOutput; 2] = [(&y, &valid), (&w, &valid)];
     let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
-    let likelihood = Likelihood::new(&model, &simulator, &inputs, &measured, &[0, 1, 2, 3]);
+    let likelihood = Likelihood::new(&model, &simulator, &measured, &[0, 1, 2, 3]);
     assert!(likelihood.is_linear());
     for point in [[0.7, 0.2, 1.3, 0.5, 0.4, 0.9, 0.1, 0.3], [9.0, 3.0, 0.1, -2.0, 1.4, 0.2, 0.5, 0.05]] {
         let expected = dense(&point, &u, &power, &y, &w, hours);
@@ -203,7 +203,7 @@ fn slopes_equal_high_order_differences() {
     inputs.forget(30..33);
     let measured: [MeasuredOutput; 2] = [(&y, &valid), (&w, &valid)];
     let simulator = Simulator::new(&pair, &inputs, &measured, Stepper::Ros2, 3);
-    let likelihood = Likelihood::new(&pair, &simulator, &inputs, &measured, &[0, 1, 2, 3]);
+    let likelihood = Likelihood::new(&pair, &simulator, &measured, &[0, 1, 2, 3]);
     for point in [[0.7, 0.2, 1.3, 0.5, 0.4, 0.9, 0.1, 0.3], [9.0, 3.0, 0.1, -2.0, 1.4, 0.2, 0.5, 0.05]] {
         slopes_hold(&likelihood, &point, samples);
     }
@@ -211,7 +211,7 @@ fn slopes_equal_high_order_differences() {
     let inputs = Inputs::from_columns(&bent, vec![u], 0.5);
     let measured: [MeasuredOutput; 1] = [(&y, &valid)];
     let simulator = Simulator::new(&bent, &inputs, &measured, Stepper::Ros2, 3);
-    let likelihood = Likelihood::new(&bent, &simulator, &inputs, &measured, &[0, 1, 2, 3, 4]);
+    let likelihood = Likelihood::new(&bent, &simulator, &measured, &[0, 1, 2, 3, 4]);
     assert!(!likelihood.is_linear());
     // A delay of whole sub-steps would sit on a corner of the delayed input.
     for point in [[0.7, 0.2, 0.9, 0.71, 0.5, 0.4, 0.9, 0.1], [4.0, 1.0, 2.0, 1.29, -1.0, 0.2, 0.3, 0.3]] {

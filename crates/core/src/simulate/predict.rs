@@ -80,9 +80,10 @@ impl Kalman<'_> {
         let alone = |(value, variance): (Lane<1>, Lane<1>)| (value.0[0], variance.0[0]);
         let mut walk = self.believing(theta, noise, belief);
         let mut found = Prediction::default();
-        for k in first..self.known.len() {
+        let inputs = self.simulator.inputs();
+        for k in first..inputs.samples() {
             if k > first {
-                if !self.known[k - 1] {
+                if !inputs.known(k - 1) {
                     break;
                 }
                 walk.advance(k - 1);

@@ -1,7 +1,7 @@
 //! A filter on its way from sample to sample, in lanes: each has a noise, a mean and a covariance of its own,
 //! and parameters of its own where there are several, and all see the same inputs and values.
 
-use super::drive::{Drive, Inputs};
+use super::drive::Drive;
 use super::lane::Lane;
 use super::lanes::LaneFile;
 use super::stepper::{jacobian_tape, observation_tape};
@@ -30,7 +30,6 @@ pub struct Kalman<'a> {
     pub(super) simulator: &'a Simulator,
     pub(super) initial: Vec<Initial>,
     pub(super) measured: Vec<MeasuredOutput<'a>>,
-    pub(super) known: Vec<bool>,
     /// The derivatives of the equations by the states, row by row.
     jacobian: Tape,
     jacobian_drive: Drive,
@@ -70,14 +69,9 @@ pub(super) struct Walk<'a, const W: usize> {
 
 impl<'a> Kalman<'a> {
     /// A filter for the model that `simulator` was made from.
-    pub fn new(
-        model: &Model,
-        simulator: &'a Simulator,
-        inputs: &Inputs,
-        measured: &[MeasuredOutput<'a>],
-    ) -> Self {
+    pub fn new(model: &Model, simulator: &'a Simulator, measured: &[MeasuredOutput<'a>]) -> Self {
         let (jacobian, observation) = (jacobian_tape(model), observation_tape(model));
-        let (_, _, substeps, _) = simulator.step_parts();
+        let (inputs, (_, _, substeps, _)) = (simulator.inputs(), simulator.step_parts());
         Self {
             jacobian_drive: Drive::new(&jacobian, inputs, substeps),
             observation_drive: Drive::new(&observation, inputs, 1),
@@ -86,7 +80,6 @@ impl<'a> Kalman<'a> {
             simulator,
             initial: model.states().iter().map(|state| state.initial).collect(),
             measured: measured.to_vec(),
-            known: (0..inputs.samples()).map(|k| inputs.known(k)).collect(),
         }
     }
 

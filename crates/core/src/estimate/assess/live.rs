@@ -109,7 +109,7 @@ impl LiveStates {
             .collect();
         let columns = columns?;
         let simulator = Simulator::new(&self.model, &inputs, &columns, self.model.stepper(), self.substeps);
-        let kalman = Kalman::new(&self.model, &simulator, &inputs, &columns);
+        let kalman = Kalman::new(&self.model, &simulator, &columns);
         let last = self.past + known;
         let advanced = kalman.go_on(&self.theta, &self.noise, &self.belief, (self.past, last));
         let Belief { states, covariance } = &advanced.belief;

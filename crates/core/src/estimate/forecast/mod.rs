@@ -106,7 +106,7 @@ pub fn forecast(
     let fine = (fit.substeps as i64 * step + fit.sample_s.millis() - 1) / fit.sample_s.millis().max(1);
     let fine = substeps(model.stepper(), inputs.hours()).max(usize::try_from(fine).unwrap_or(1));
     let simulator = Simulator::new(model, inputs, &[], model.stepper(), fine).with_brake(problem.brake());
-    let onward = Kalman::new(model, &simulator, inputs, &[]);
+    let onward = Kalman::new(model, &simulator, &[]);
     let predict = |theta: &[f64]| {
         let filtered = ahead.filtered(theta);
         let innovations: Vec<f64> =

@@ -42,8 +42,7 @@ impl<'a> LikelihoodObjective<'a> {
             .for_each(|output| noise(format!("sd({})", output.channel), MEASUREMENT, output.noise_sd));
         let noises = model.states().len() + model.outputs().len();
         let measured = problem.measured();
-        let likelihood =
-            Likelihood::new(model, problem.simulator(), problem.inputs(), &measured, problem.free());
+        let likelihood = Likelihood::new(model, problem.simulator(), &measured, problem.free());
         let mut task = Self {
             problem,
             likelihood,

@@ -229,9 +229,7 @@ impl Problem {
     /// The filter over the window; `None` where the model predicts by its free run.
     pub fn filter(&self) -> Option<Kalman<'_>> {
         match self.predictor() {
-            Predictor::Filtered => {
-                Some(Kalman::new(&self.model, &self.simulator, self.inputs(), &self.measured()))
-            }
+            Predictor::Filtered => Some(Kalman::new(&self.model, &self.simulator, &self.measured())),
             Predictor::FreeRun => None,
         }
     }
