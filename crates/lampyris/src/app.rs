@@ -31,6 +31,7 @@ use jiff::Timestamp;
 use lampyris_core::model::Catalogue;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::net::SocketAddr;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
@@ -46,6 +47,10 @@ const GRACE: Duration = Duration::from_secs(4);
 const LOOK: Duration = Duration::from_secs(1);
 /// Files beside those of connections: the database, the log, the runtime.
 const SPARE_FILES: u64 = 128;
+
+/// What the start or the end of a service comes to. In a box it is compiled here once, and not, with all that
+/// it waits for, in every program that asks for it.
+pub type AppFuture<T> = Pin<Box<dyn Future<Output = Result<T, AppError>> + Send>>;
 
 /// A running service.
 #[derive(Debug)]
@@ -133,15 +138,19 @@ impl App {
     ///
     /// # Errors
     /// Where anything that it needs is missing; then nothing of it runs.
-    pub async fn start(settings: Settings) -> Result<App, AppError> {
-        Self::start_by(settings, Clock::default()).await
+    pub fn start(settings: Settings) -> AppFuture<App> {
+        Self::start_by(settings, Clock::default())
     }
 
     /// Starts a service that lives by this clock.
     ///
     /// # Errors
     /// As [`App::start`].
-    pub async fn start_by(settings: Settings, clock: Clock) -> Result<App, AppError> {
+    pub fn start_by(settings: Settings, clock: Clock) -> AppFuture<App> {
+        Box::pin(Self::started(settings, clock))
+    }
+
+    async fn started(settings: Settings, clock: Clock) -> Result<App, AppError> {
         let faults = settings.faults();
         if !faults.is_empty() {
             return Err(AppError::Settings(faults));
@@ -254,7 +263,11 @@ impl App {
     ///
     /// # Errors
     /// Where the listener had failed.
-    pub async fn shutdown(mut self) -> Result<(), AppError> {
+    pub fn shutdown(self) -> AppFuture<()> {
+        Box::pin(self.ended())
+    }
+
+    async fn ended(mut self) -> Result<(), AppError> {
         self.service.stopping.send_replace(true);
         self.service.wake.notify_waiters();
         let tasks = async { while self.tasks.join_next().await.is_some() {} };

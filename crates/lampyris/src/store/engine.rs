@@ -7,6 +7,7 @@ use super::postgres::{self, within};
 use sqlx::postgres::{PgConnection, PgPool};
 use sqlx::sqlite::SqlitePool;
 use sqlx::{Connection as _, Postgres, Sqlite, SqliteConnection, Transaction};
+use std::pin::Pin;
 
 /// Connections that are lent for a statement or for a transaction.
 #[derive(Debug, Clone)]
@@ -41,13 +42,29 @@ pub(super) enum Via<'a> {
     Postgres(&'a mut PgConnection),
 }
 
+/// What an engine comes to. In a box its driver's own futures are compiled once, and not in everything that
+/// waits for a statement.
+pub(super) type EngineFuture<'a, T> = Pin<Box<dyn Future<Output = Result<T, sqlx::Error>> + Send + 'a>>;
+
 impl Pool {
     /// A transaction that reads, all of it from one moment.
-    pub(super) async fn begin(&self) -> Result<Session, sqlx::Error> {
-        Ok(match self {
-            Pool::Sqlite(pool) => Session::Sqlite(pool.begin().await?),
-            Pool::Postgres(pool) => {
-                Session::Postgres(within(pool.begin_with(postgres::BEGIN_TO_READ)).await?)
+    pub(super) fn begin(&self) -> EngineFuture<'_, Session> {
+        Box::pin(async move {
+            Ok(match self {
+                Pool::Sqlite(pool) => Session::Sqlite(pool.begin().await?),
+                Pool::Postgres(pool) => {
+                    Session::Postgres(within(pool.begin_with(postgres::BEGIN_TO_READ)).await?)
+                }
+            })
+        })
+    }
+
+    /// A transaction that writes; on a server it begins with this text.
+    pub(super) fn begin_to_write(&self, on_postgres: &'static str) -> EngineFuture<'_, Session> {
+        Box::pin(async move {
+            match self {
+                Pool::Sqlite(pool) => pool.begin_with("BEGIN IMMEDIATE").await.map(Session::Sqlite),
+                Pool::Postgres(pool) => within(pool.begin_with(on_postgres)).await.map(Session::Postgres),
             }
         })
     }
@@ -76,29 +93,35 @@ impl Session {
     }
 
     /// Ends a connection that is nobody else's.
-    pub(super) async fn close(self) -> Result<(), sqlx::Error> {
-        match self {
-            Session::Alone(connection) => connection.close().await,
-            transaction => transaction.rollback().await,
-        }
+    pub(super) fn close(self) -> EngineFuture<'static, ()> {
+        Box::pin(async move {
+            match self {
+                Session::Alone(connection) => connection.close().await,
+                transaction => transaction.rollback().await,
+            }
+        })
     }
 
     /// Ends the transaction so that it counts.
-    pub(super) async fn commit(self) -> Result<(), sqlx::Error> {
-        match self {
-            Session::Sqlite(tx) => tx.commit().await,
-            Session::Postgres(tx) => within(tx.commit()).await,
-            Session::Alone(_) => Ok(()),
-        }
+    pub(super) fn commit(self) -> EngineFuture<'static, ()> {
+        Box::pin(async move {
+            match self {
+                Session::Sqlite(tx) => tx.commit().await,
+                Session::Postgres(tx) => within(tx.commit()).await,
+                Session::Alone(_) => Ok(()),
+            }
+        })
     }
 
     /// Ends the transaction without a trace.
-    pub(super) async fn rollback(self) -> Result<(), sqlx::Error> {
-        match self {
-            Session::Sqlite(tx) => tx.rollback().await,
-            Session::Postgres(tx) => within(tx.rollback()).await,
-            Session::Alone(_) => Ok(()),
-        }
+    pub(super) fn rollback(self) -> EngineFuture<'static, ()> {
+        Box::pin(async move {
+            match self {
+                Session::Sqlite(tx) => tx.rollback().await,
+                Session::Postgres(tx) => within(tx.rollback()).await,
+                Session::Alone(_) => Ok(()),
+            }
+        })
     }
 }
 

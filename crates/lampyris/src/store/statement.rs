@@ -3,7 +3,7 @@
 //! SQL that both engines read alike is written once. Where SQLite has a function that PostgreSQL has not, as
 //! `json_each`, `glob` or the larger of two numbers, the schema of PostgreSQL defines one of that name.
 
-use super::engine::Via;
+use super::engine::{EngineFuture, Via};
 use super::postgres::within;
 use sqlx::postgres::PgRow;
 use sqlx::sqlite::SqliteRow;
@@ -138,51 +138,50 @@ enum Rows {
     Postgres(Vec<PgRow>),
 }
 
-async fn execute(
-    sql: SqlStr,
-    values: Vec<SqlValue<'_>>,
-    lasts: bool,
-    via: Via<'_>,
-) -> Result<u64, sqlx::Error> {
-    Ok(match via {
-        Via::SqlitePool(pool) => {
-            bound!(sqlx::query(sql).persistent(lasts), values).execute(pool).await?.rows_affected()
-        }
-        Via::Sqlite(one) => {
-            bound!(sqlx::query(sql).persistent(lasts), values).execute(one).await?.rows_affected()
-        }
-        Via::PostgresPool(pool) => {
-            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
-            within(statement.execute(pool)).await?.rows_affected()
-        }
-        Via::Postgres(one) => {
-            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
-            within(statement.execute(one)).await?.rows_affected()
-        }
+fn execute<'a>(sql: SqlStr, values: Vec<SqlValue<'a>>, lasts: bool, via: Via<'a>) -> EngineFuture<'a, u64> {
+    Box::pin(async move {
+        Ok(match via {
+            Via::SqlitePool(pool) => {
+                bound!(sqlx::query(sql).persistent(lasts), values).execute(pool).await?.rows_affected()
+            }
+            Via::Sqlite(one) => {
+                bound!(sqlx::query(sql).persistent(lasts), values).execute(one).await?.rows_affected()
+            }
+            Via::PostgresPool(pool) => {
+                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+                within(statement.execute(pool)).await?.rows_affected()
+            }
+            Via::Postgres(one) => {
+                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+                within(statement.execute(one)).await?.rows_affected()
+            }
+        })
     })
 }
 
-async fn fetch_all(
+fn fetch_all<'a>(
     sql: SqlStr,
-    values: Vec<SqlValue<'_>>,
+    values: Vec<SqlValue<'a>>,
     lasts: bool,
-    via: Via<'_>,
-) -> Result<Rows, sqlx::Error> {
-    Ok(match via {
-        Via::SqlitePool(pool) => {
-            Rows::Sqlite(bound!(sqlx::query(sql).persistent(lasts), values).fetch_all(pool).await?)
-        }
-        Via::Sqlite(one) => {
-            Rows::Sqlite(bound!(sqlx::query(sql).persistent(lasts), values).fetch_all(one).await?)
-        }
-        Via::PostgresPool(pool) => {
-            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
-            Rows::Postgres(within(statement.fetch_all(pool)).await?)
-        }
-        Via::Postgres(one) => {
-            let statement = bound!(sqlx::query(sql).persistent(lasts), values);
-            Rows::Postgres(within(statement.fetch_all(one)).await?)
-        }
+    via: Via<'a>,
+) -> EngineFuture<'a, Rows> {
+    Box::pin(async move {
+        Ok(match via {
+            Via::SqlitePool(pool) => {
+                Rows::Sqlite(bound!(sqlx::query(sql).persistent(lasts), values).fetch_all(pool).await?)
+            }
+            Via::Sqlite(one) => {
+                Rows::Sqlite(bound!(sqlx::query(sql).persistent(lasts), values).fetch_all(one).await?)
+            }
+            Via::PostgresPool(pool) => {
+                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+                Rows::Postgres(within(statement.fetch_all(pool)).await?)
+            }
+            Via::Postgres(one) => {
+                let statement = bound!(sqlx::query(sql).persistent(lasts), values);
+                Rows::Postgres(within(statement.fetch_all(one)).await?)
+            }
+        })
     })
 }
 

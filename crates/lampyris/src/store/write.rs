@@ -10,7 +10,7 @@ use super::changes::{Changes, touched};
 use super::engine::{Pool, Session};
 use super::error::StoreError;
 use super::files::Files;
-use super::postgres::{self, within};
+use super::postgres;
 use super::statement::{query, query_scalar};
 use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
 use std::ops::{Deref, DerefMut};
@@ -163,11 +163,7 @@ impl Writing {
         changes: &Changes,
     ) -> Result<Write, StoreError> {
         self.known().require_writable()?;
-        let begun = match writer {
-            Pool::Sqlite(pool) => pool.begin_with("BEGIN IMMEDIATE").await.map(Session::Sqlite),
-            Pool::Postgres(pool) => within(pool.begin_with(on_postgres)).await.map(Session::Postgres),
-        };
-        let begun = begun.map_err(StoreError::from);
+        let begun = writer.begin_to_write(on_postgres).await.map_err(StoreError::from);
         let tx = begun.inspect_err(|error| self.note_error(error))?;
         // The transaction that this one has waited for may have been the one that failed.
         self.known().require_writable()?;
