@@ -40,7 +40,9 @@ export function Missing({ system, document, metrics, query, reload, changed }) {
   useAfterJobs(running ? null : system, diagnoses, jobs);
   const search = () => post('/jobs', { kind: 'diagnose', system }).then(job => setQuery({ job: job.id }), sayFault);
   const found = job => {
-    setQuery({ job: null, diagnosis: job.diagnosis, steps: null, adding: null });
+    // The list may have shown it before its job told of its end: what somebody has added to it by then stays.
+    const added = job.diagnosis === id ? {} : { steps: null, adding: null };
+    setQuery({ job: null, diagnosis: job.diagnosis, ...added });
     diagnoses.reload();
     jobs.reload();
   };

@@ -16,6 +16,7 @@ use sqlx::sqlite::{SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use std::collections::BTreeSet;
 use std::mem;
 use std::path::Path;
+use std::pin::Pin;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc::UnboundedReceiver;
@@ -45,11 +46,16 @@ impl Store {
     /// # Errors
     /// Where another service has it open, the file cannot be used, it is damaged, or the schema is not one
     /// that this program knows, or an older one on a disk that takes no writes.
-    pub async fn open(place: &DatabasePlace, quota: Option<u64>) -> Result<Self, StoreError> {
-        match place {
-            DatabasePlace::File(path) => Self::open_file(path, quota).await,
-            DatabasePlace::Server(url) => Self::open_server(url).await,
-        }
+    pub fn open(
+        place: &DatabasePlace,
+        quota: Option<u64>,
+    ) -> Pin<Box<dyn Future<Output = Result<Self, StoreError>> + Send + '_>> {
+        Box::pin(async move {
+            match place {
+                DatabasePlace::File(path) => Self::open_file(path, quota).await,
+                DatabasePlace::Server(url) => Self::open_server(url).await,
+            }
+        })
     }
 
     /// Connects to a database that other services may have open as well. Its room is its administrator's to
