@@ -7,6 +7,7 @@ use crate::estimate::problem::widen::widen;
 use crate::estimate::{Problem, Site};
 use crate::fault::Fault;
 use crate::model::catalogue::Catalogue;
+use crate::model::id::family;
 use crate::model::spec::{AS_IT_COMES, EffectSpec, ModelSpec, Sign};
 use crate::model::{Bindings, Model, ModelId, Scale, compile};
 use crate::units::Unit;
@@ -52,7 +53,7 @@ pub struct NotTestable {
 impl CandidateEffect {
     /// The id without its argument.
     pub fn family(&self) -> &str {
-        self.id.split(':').next().unwrap_or(&self.id)
+        family(&self.id)
     }
 
     /// Whether its members are the choices of one shape, of which the best stands for all.
@@ -128,9 +129,8 @@ impl<'a> EffectSource<'a> {
                 Ok(candidate) => candidates.push(candidate),
                 // The choices of one shape lack the same thing: one line says so.
                 Err(reason) => {
-                    let family = reason.effect.split(':').next().unwrap_or_default().to_owned();
-                    let reason = if self.has_choices(&family) {
-                        NotTestable { effect: family, ..reason }
+                    let reason = if self.has_choices(family(&reason.effect)) {
+                        NotTestable { effect: family(&reason.effect).to_owned(), ..reason }
                     } else {
                         reason
                     };
@@ -252,9 +252,8 @@ impl<'a> EffectSource<'a> {
                 }
             }
         }
-        let family = |name: &str| name.split(':').next().unwrap_or_default().to_owned();
         let has = |name: &String| {
-            let choice = self.has_choices(&family(name));
+            let choice = self.has_choices(family(name));
             let by_way = |known: &str| {
                 self.catalogue.effect(known).is_ok_and(|effect| effect.way_of.as_ref() == Some(name))
             };

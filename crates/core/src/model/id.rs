@@ -85,6 +85,11 @@ schema::is_text!(
     "A model: a base, `+` the effects that are added and `-` those that are left out."
 );
 
+/// The family of an effect, its id without its argument: `metered_gain` of `metered_gain:P_heater`.
+pub fn family(effect: &str) -> &str {
+    effect.split_once(':').map_or(effect, |(family, _)| family)
+}
+
 /// `room2`, `metered_gain:P_heater`: letters, digits and underscores, with one colon in an effect.
 fn is_part(text: &str, effect: bool) -> bool {
     let word = |text: &str| {

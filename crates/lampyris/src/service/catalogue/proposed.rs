@@ -6,6 +6,7 @@ use crate::service::state::Service;
 use crate::store;
 use crate::store::reach::SystemScope;
 use lampyris_core::diagnose::proposals::PROPOSED;
+use lampyris_core::model::id::family;
 use lampyris_core::model::{Catalogue, ModelId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -26,8 +27,8 @@ pub(crate) async fn systems_by_effect(
     let mut found = BTreeMap::new();
     for (model, count) in store::systems::by_model(&service.store, scope).await? {
         let parts = catalogue.compose(&model).map(|composition| composition.effects).unwrap_or_default();
-        let family = |id: String| id.split(':').next().unwrap_or_default().to_owned();
-        let effects: BTreeSet<String> = parts.into_iter().map(|effect| family(effect.id)).collect();
+        let effects: BTreeSet<String> =
+            parts.into_iter().map(|effect| family(&effect.id).to_owned()).collect();
         for effect in effects {
             *found.entry(effect).or_insert(0) += usize::try_from(count).unwrap_or_default();
         }

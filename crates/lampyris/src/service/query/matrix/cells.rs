@@ -4,6 +4,7 @@ use crate::store::diagnoses::{DiagnosedSystem, NamedFinding, NewestDiagnosis};
 use jiff::Timestamp;
 use lampyris_core::data::SystemId;
 use lampyris_core::diagnose::ledger::{CLEAR_T, Ledger, LedgerEntry, ledgers};
+use lampyris_core::model::id::family;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -64,11 +65,6 @@ pub struct MatrixRow {
 
 /// What errors of several outputs are counted in.
 pub(super) const OF_SEVERAL: &str = "times the noise";
-
-/// The effect of an id, without the channel that a member of a family has.
-fn family(effect: &str) -> &str {
-    effect.split(':').next().unwrap_or(effect)
-}
 
 /// The errors without and with a finding: on data that no decision has seen, where there are some, else on
 /// those that decided.
