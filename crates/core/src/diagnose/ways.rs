@@ -8,6 +8,7 @@
 use super::acceptance::LEAST_BIC;
 use super::library::{CandidateEffect, EffectSource, align, carried};
 use super::null_model::NullModel;
+use crate::model::id::family_and_argument;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
 
@@ -46,7 +47,7 @@ pub(super) fn other_way(
     winner: &CandidateEffect,
     halt: Halt,
 ) -> (Option<Way>, usize) {
-    let argument = winner.id.split_once(':').map(|(_, argument)| argument);
+    let (_, argument) = family_and_argument(&winner.id);
     let names = source.catalogue.effects().filter(|effect| effect.way_of.as_deref() == Some(winner.family()));
     let names: Vec<String> = names
         .map(|effect| argument.map_or_else(|| effect.id.clone(), |it| format!("{}:{it}", effect.id)))

@@ -1,7 +1,7 @@
 //! The built-in models and effects, and the composition of a [`ModelId`] from them.
 
 use super::document::ModelDocument;
-use super::id::ModelId;
+use super::id::{ModelId, family_and_argument};
 use super::plant::PlantSpec;
 use super::process::ReactionsSpec;
 use super::spec::{Definition, EffectSpec, ModelSpec, StateSpec, Variant};
@@ -212,7 +212,7 @@ impl Catalogue {
     /// # Errors
     /// A fault where the effect does not exist, or its argument is missing or superfluous.
     pub fn effect(&self, name: &str) -> Result<EffectSpec, Fault> {
-        let (id, argument) = name.split_once(':').map_or((name, None), |(id, argument)| (id, Some(argument)));
+        let (id, argument) = family_and_argument(name);
         let Some(spec) = self.effects.get(id) else {
             let fault = Fault::new("/model", "unknown-effect", format!("there is no effect `{id}`"));
             return Err(match nearest(id, self.effects.keys().map(String::as_str)) {

@@ -85,9 +85,15 @@ schema::is_text!(
     "A model: a base, `+` the effects that are added and `-` those that are left out."
 );
 
-/// The family of an effect, its id without its argument: `metered_gain` of `metered_gain:P_heater`.
+/// The family of an effect, its id without its argument, and the argument where it has one: `metered_gain` and
+/// `P_heater` of `metered_gain:P_heater`.
+pub fn family_and_argument(effect: &str) -> (&str, Option<&str>) {
+    effect.split_once(':').map_or((effect, None), |(family, argument)| (family, Some(argument)))
+}
+
+/// The family of an effect.
 pub fn family(effect: &str) -> &str {
-    effect.split_once(':').map_or(effect, |(family, _)| family)
+    family_and_argument(effect).0
 }
 
 /// `room2`, `metered_gain:P_heater`: letters, digits and underscores, with one colon in an effect.

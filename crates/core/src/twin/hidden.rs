@@ -4,6 +4,7 @@ use super::climate::{Climate, NEIGHBOURS, STEPS_PER_DAY};
 use super::dice::Dice;
 use super::measured::{MEASURED, MoreSeries, lagged};
 use crate::fault::{Fault, nearest};
+use crate::model::id::family_and_argument;
 
 /// So large a share of the hours with this sun, in clear suns at the zenith, a room with blinds is too cool
 /// for them to close.
@@ -86,8 +87,7 @@ pub struct Hidden {
 impl Kind {
     /// An effect by name; an argument that is left open is drawn.
     pub fn named(name: &str, dice: &mut Dice) -> Result<Self, Fault> {
-        let (family, argument) =
-            name.split_once(':').map_or((name, None), |(family, argument)| (family, Some(argument)));
+        let (family, argument) = family_and_argument(name);
         let unknown = || {
             let fault = Fault::new("/effect", "unknown-effect", format!("no twin can hide `{name}`"));
             match nearest(family, names()) {
