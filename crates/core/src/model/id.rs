@@ -85,8 +85,8 @@ schema::is_text!(
     "A model: a base, `+` the effects that are added and `-` those that are left out."
 );
 
-/// The family of an effect, its id without its argument, and the argument where it has one: `metered_gain` and
-/// `P_heater` of `metered_gain:P_heater`.
+/// The family of an effect, its id without its argument, and the argument where it has one:
+/// `metered_gain` and `P_heater` of `metered_gain:P_heater`.
 pub fn family_and_argument(effect: &str) -> (&str, Option<&str>) {
     effect.split_once(':').map_or((effect, None), |(family, argument)| (family, Some(argument)))
 }
