@@ -8,6 +8,7 @@ use super::verdicts::judge_all;
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{DAY, SplitRequest, read_time};
 use lampyris_core::diagnose::change::{ChangeRecord, THRESHOLD, WINDOW_DAYS, settled};
+use lampyris_core::estimate::assess::metrics::ProcessNoise;
 use lampyris_core::estimate::fit::parameter_change::ParameterChange;
 use lampyris_core::estimate::{Control, estimate};
 use lampyris_core::twin::{ChangedParameter, Level, WorldRequest, world};
@@ -107,9 +108,10 @@ fn watch((seed, kind, level): (u64, &'static str, Level)) -> Result<Watched, Fai
         .slice(window.from(), window.from() + WINDOW_DAYS as i64 * DAY)
         .map_err(|found| faults(&found))?;
     let weeks = watched(&made, &weeks, WINDOW_DAYS + 1)?;
-    let theta = settled(&weeks, &fit.theta()).map_err(|fault| Failure::Error(fault.to_string()))?;
+    let noise = ProcessNoise::Known(fit.process_noise);
+    let theta = settled(&weeks, &fit.theta(), noise).map_err(|fault| Failure::Error(fault.to_string()))?;
     let problem = watched(&made, &window, days + 1)?;
-    let record = ChangeRecord::new(&problem, &theta, WINDOW_DAYS)
+    let record = ChangeRecord::new(&problem, &theta, noise, WINDOW_DAYS)
         .map_err(|fault| Failure::Error(fault.to_string()))?;
     let mut seen = Watched { kind, level, nights: 0, false_alarms: 0, largest: 0.0, told: None };
     let quiet_until = if is_quiet { days } else { DAY_OF_CHANGE };

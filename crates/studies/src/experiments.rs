@@ -11,7 +11,7 @@ use lampyris_core::diagnose::experiment::information::Knowledge;
 use lampyris_core::diagnose::experiment::{
     ComfortBounds, DrivenInput, Experiment, ExperimentAsked, ExperimentPlan, ExperimentPurpose, experiment,
 };
-use lampyris_core::estimate::assess::metrics::{filter, measurement_variance};
+use lampyris_core::estimate::assess::metrics::{ProcessNoise, filter, measurement_variance};
 use lampyris_core::estimate::forecast::InputsToCome;
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, estimate};
 use lampyris_core::simulate::kalman::Noise;
@@ -121,7 +121,7 @@ fn judge(seed: u64, case: &'static Case) -> Result<Seen, Failure> {
     let now = now.with_substeps(fit.substeps);
     let states = now.model().states().len();
     let noise = Noise {
-        process: vec![filter(&now, &fit.theta(), None).process_noise; states],
+        process: vec![filter(&now, &fit.theta(), ProcessNoise::Likeliest).process_noise; states],
         measurement: measurement_variance(&now),
     };
     let comfort = comfort(&now);

@@ -8,6 +8,7 @@ use super::verdicts::{judge_all, share};
 use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{DAY, SplitRequest, Window};
 use lampyris_core::diagnose::change::{WINDOW_DAYS, changes};
+use lampyris_core::estimate::assess::metrics::ProcessNoise;
 use lampyris_core::estimate::assess::regimes::with_worst_regime;
 use lampyris_core::estimate::fit::Searched;
 use lampyris_core::estimate::problem::request::SearchExtent;
@@ -181,7 +182,7 @@ fn changed(made: &World, window: &Window, fit: &Fit) -> Result<(), Failure> {
     let weeks =
         window.slice(window.to() - WINDOW_DAYS as i64 * DAY, window.to()).map_err(|found| faults(&found))?;
     let problem = watched(made, &weeks, WINDOW_DAYS)?;
-    let _ = changes(&fit.simulated(&problem), &fit.theta());
+    let _ = changes(&fit.simulated(&problem), &fit.theta(), ProcessNoise::Known(fit.process_noise));
     Ok(())
 }
 

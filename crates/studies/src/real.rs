@@ -18,7 +18,7 @@ use lampyris_core::diagnose::library::{EffectSource, align};
 use lampyris_core::diagnose::null_model::NullModel;
 use lampyris_core::diagnose::report::Finding;
 use lampyris_core::diagnose::surrogates::{Heard, Tests, is_driven};
-use lampyris_core::estimate::assess::metrics::{ahead, filter};
+use lampyris_core::estimate::assess::metrics::{ProcessNoise, ahead, filter};
 use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
 use lampyris_core::estimate::{Control, EstimateRequest, Fit, Problem, Site, estimate, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
@@ -335,7 +335,7 @@ fn after(
         let later =
             prepare(catalogue, model, &asked(next)?, window, &site).map_err(|found| faults(&found))?;
         let later = later.with_substeps(fit.substeps);
-        let run = filter(&later, &fit.theta(), None);
+        let run = filter(&later, &fit.theta(), ProcessNoise::Likeliest);
         let found = ahead(&later, &fit.theta(), &run, 0..later.grid().len(), &AHEAD);
         Ok(AHEAD.map(|(name, _)| found.get(name).map(|error| error.rmse)))
     };

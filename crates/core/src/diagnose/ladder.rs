@@ -8,7 +8,7 @@ use super::null_model::NullModel;
 use super::selection::round;
 use super::ways::other_way;
 use crate::data::Window;
-use crate::estimate::assess::metrics::{HORIZONS, ahead, filter};
+use crate::estimate::assess::metrics::{HORIZONS, ProcessNoise, ahead, filter};
 use crate::estimate::likelihood::ratio::LikelihoodRatio;
 use crate::estimate::problem::request::AccusationRate;
 use crate::estimate::{Control, Problem, Site};
@@ -85,7 +85,7 @@ pub fn ladder(
     let halt = || course.halts();
     let mut null = NullModel::settle(align(problem, &mut library), theta, None, &halt).ok_or_else(nothing)?;
     course.settled(null.fitted.evaluations);
-    let noise = filter(problem, &null.fitted.plain, None).process_noise;
+    let noise = filter(problem, &null.fitted.plain, ProcessNoise::Likeliest).process_noise;
     let mut steps = Vec::new();
     let mut price = 0.0;
     for _ in 0..max_steps {
@@ -184,7 +184,7 @@ fn fallen(before: &Step, after: &Step) -> Option<String> {
 fn step(null: &NullModel, added: Option<String>, price: f64, noise: f64, kept: bool, why: String) -> Step {
     let problem = &null.problem;
     let theta = &null.fitted.plain;
-    let run = filter(problem, theta, Some(noise));
+    let run = filter(problem, theta, ProcessNoise::Known(noise));
     let errors = ahead(problem, theta, &run, problem.split().validation.clone(), &HORIZONS);
     let [train, validation, test] = null.measured.plain.map(|mse| mse.map(f64::sqrt));
     let names = problem.model().parameters().iter().map(|parameter| parameter.name.clone());

@@ -8,7 +8,7 @@ use super::report::{Coefficient, EffectSize, Finding, FindingKind, RmsePairs};
 use super::selection::Round;
 use super::size::{AHEAD_HOURS, Size, Sizes, sizes};
 use super::ways::Way;
-use crate::estimate::assess::metrics::{HORIZONS, ahead, filter};
+use crate::estimate::assess::metrics::{HORIZONS, ProcessNoise, ahead, filter};
 use crate::estimate::problem::bounds::at_bound;
 use crate::simulate::trajectory::Halt;
 use crate::units::error_unit;
@@ -172,7 +172,7 @@ fn evidence(candidate: &CandidateEffect, winner: &Tried, rmse: &RmsePairs) -> Ve
 fn ahead_pairs(null: &NullModel, next: &NullModel) -> IndexMap<String, [f64; 2]> {
     let range = null.problem.split().validation.clone();
     let errors = |null: &NullModel| {
-        let run = filter(&null.problem, &null.fitted.plain, None);
+        let run = filter(&null.problem, &null.fitted.plain, ProcessNoise::Likeliest);
         ahead(&null.problem, &null.fitted.plain, &run, range.clone(), &HORIZONS)
     };
     let (before, after) = rayon::join(|| errors(null), || errors(next));

@@ -15,7 +15,7 @@ use super::refit::Refit;
 use super::screen::{Blind, Score, Screen};
 use super::surrogates::{Heard, Tests};
 use crate::estimate::Problem;
-use crate::estimate::assess::metrics::{day_ahead_mse, filter};
+use crate::estimate::assess::metrics::{ProcessNoise, day_ahead_mse, filter};
 use crate::estimate::problem::predictor::Predictor;
 use crate::simulate::trajectory::Halt;
 use rayon::prelude::*;
@@ -379,14 +379,15 @@ fn day_ahead(null: &NullModel, candidates: &[CandidateEffect], refitted: &[Refit
     if !asked.contains(&true) {
         return vec![None; refitted.len()];
     }
-    let error = |problem: &Problem, theta: &[f64], noise: Option<f64>| {
+    let error = |problem: &Problem, theta: &[f64], noise: ProcessNoise| {
         let run = filter(problem, theta, noise);
         (day_ahead_mse(problem, theta, &run, problem.split().validation.clone()), run.process_noise)
     };
-    let (before, process_noise) = error(&null.problem, &null.fitted.plain, None);
+    let (before, process_noise) = error(&null.problem, &null.fitted.plain, ProcessNoise::Likeliest);
     let ahead = |(one, asked): (&Refitted, &bool)| {
         let before = before.filter(|_| *asked)?;
-        let after = error(&candidates[one.candidate].problem, &one.fitted.plain, Some(process_noise)).0?;
+        let known = ProcessNoise::Known(process_noise);
+        let after = error(&candidates[one.candidate].problem, &one.fitted.plain, known).0?;
         let noise = one.measured.floor.powi(2);
         Some(Ahead {
             fall: (after / before).sqrt(),

@@ -135,7 +135,7 @@ fn ahead(
 
 fn of_free_run(model: &NullModel, candidate: &CandidateEffect) -> Vec<Size> {
     let (problem, plain) = (&model.problem, &model.fitted.plain);
-    let uncertain = uncertainty(problem, plain);
+    let uncertain = uncertainty(problem, plain, None);
     let size = |(index, _): &(usize, f64)| {
         let place = problem.free().iter().position(|free| free == index).filter(|_| !candidate.endogenous);
         Size {

@@ -6,7 +6,7 @@ use super::library;
 use super::report::EffectGate;
 use super::{Adequacy, DiagnoseError, Diagnosis, diagnose, preview};
 use crate::data::{ColumnBindings, SplitRequest, Window};
-use crate::estimate::assess::metrics::filter;
+use crate::estimate::assess::metrics::{ProcessNoise, filter};
 use crate::estimate::assess::regimes::{regimes, with_worst_regime};
 use crate::estimate::problem::request::{AccusationRate, SeededMethod};
 use crate::estimate::{Control, EstimateError, EstimateRequest, Interrupt, Problem, Site, estimate, prepare};
@@ -256,7 +256,7 @@ fn a_diagnosis_that_is_called_off_ends_where_it_is() {
 fn failures_say_where_the_wind_is_missing() {
     let (problem, window) = small_world(&["wind_infiltration"]);
     let fit = fitted(&problem);
-    let run = filter(&problem, &fit.theta(), Some(fit.process_noise));
+    let run = filter(&problem, &fit.theta(), ProcessNoise::Known(fit.process_noise));
     let found = failures(&problem, &fit, 0, &run, &window).unwrap();
     assert_eq!(found, failures(&problem, &fit, 0, &run, &window).unwrap());
     // The model has no wind, and yet its errors are told by the wind.

@@ -1,6 +1,7 @@
 //! Whether the step of a simulation is short enough.
 
 use crate::estimate::problem::Problem;
+use crate::estimate::uncertainty::sensitivity::Sensitivity;
 use crate::estimate::uncertainty::{shift, simulations};
 use crate::model::Stepper;
 
@@ -25,6 +26,8 @@ pub(super) struct StepError {
     pub difference: f64,
     /// Whether the step is short enough, or as short as a step gets.
     pub fine_enough: bool,
+    /// What the outputs answer with the problem's own step, where that was asked for.
+    pub sensitivity: Option<Sensitivity>,
     /// Simulations spent.
     pub evaluations: usize,
 }
@@ -37,10 +40,14 @@ pub(super) fn step_error(problem: &Problem, theta: &[f64]) -> StepError {
     let finest = if problem.model().stepper() == Stepper::Rkc { FINEST_TOLERANCE } else { 64 };
     let mut evaluations = 2;
     let small = difference <= DISCRETISATION_LIMIT * problem.scaled_noise();
-    let fine_enough = problem.simulator().substeps() >= finest
-        || small && {
+    let is_finest = problem.simulator().substeps() >= finest;
+    let sensitivity = (small && !is_finest)
+        .then(|| {
             evaluations += simulations(problem);
-            shift(problem, theta, &fine).is_none_or(|shift| shift <= SHIFT_LIMIT)
-        };
-    StepError { finer, difference, fine_enough, evaluations }
+            Sensitivity::new(problem, theta)
+        })
+        .flatten();
+    let shift = sensitivity.as_ref().and_then(|sensitivity| shift(problem, theta, sensitivity, &fine));
+    let fine_enough = is_finest || small && shift.is_none_or(|shift| shift <= SHIFT_LIMIT);
+    StepError { finer, difference, fine_enough, sensitivity, evaluations }
 }

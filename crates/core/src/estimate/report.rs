@@ -6,7 +6,7 @@ use super::problem::Problem;
 use super::uncertainty::Uncertainty;
 use crate::data::Seconds;
 use crate::data::rfc3339;
-use crate::estimate::assess::metrics::{filtered_and_free, metrics};
+use crate::estimate::assess::metrics::{ProcessNoise, filtered_and_free, metrics};
 use crate::estimate::fit::levels::levels;
 use crate::estimate::problem::bounds::at_bound;
 use crate::estimate::problem::prior::{KnownParameter, KnownPrior, Prior};
@@ -16,16 +16,17 @@ use crate::estimate::uncertainty::ridge::sentence;
 use indexmap::IndexMap;
 use std::ops::Range;
 
-/// The document of a fit, with the noise that makes free-run residuals likely.
+/// The document of a fit, whose filter has this process noise.
 pub(super) fn report(
     problem: &Problem,
     request: &EstimateRequest,
     found: SearchResult,
     uncertainty: &Uncertainty,
     discretisation_error: f64,
+    noise: ProcessNoise,
     mut remarks: Vec<String>,
 ) -> Fit {
-    let (run, free) = filtered_and_free(problem, &found.theta);
+    let (run, free) = filtered_and_free(problem, &found.theta, noise);
     let mut parameters = IndexMap::new();
     for (index, parameter) in problem.model().parameters().iter().enumerate() {
         let place = problem.free().iter().position(|free| *free == index);

@@ -4,7 +4,9 @@ use super::fit::{Fit, Searched, Stop};
 use super::likelihood;
 use super::problem::Problem;
 use super::report::report;
+use super::uncertainty::sensitivity::Sensitivity;
 use super::uncertainty::{louder_than_white, simulations, starts, uncertainty};
+use crate::estimate::assess::metrics::ProcessNoise;
 use crate::estimate::discretisation::{StepError, step_error};
 use crate::estimate::fit::incumbent::Incumbent;
 use crate::estimate::problem::bounds::at_bound;
@@ -35,6 +37,16 @@ const HARDLY: f64 = 2.0;
 /// Starts that move by less, in the same deviations, are where they were.
 const SAME_START: f64 = 0.1;
 
+/// What was found, with steps that are short enough and starts that are likely.
+struct Refined {
+    problem: Problem,
+    found: SearchResult,
+    /// What half the step changes.
+    difference: f64,
+    /// What the outputs answer there, where that is known.
+    sensitivity: Option<Sensitivity>,
+}
+
 /// Estimates the parameters of a problem.
 ///
 /// # Errors
@@ -64,19 +76,20 @@ pub fn estimate(
         let (problem, found) = exactly(problem, found, control)?;
         refined(problem, found, watched, control)
     };
-    let (problem, mut found, discretisation_error) = match known {
+    let refined = match known {
         None => everywhere()?,
         Some(incumbent) => match next_to(problem, incumbent, control) {
             Ok(found) => found,
             Err(Unconvincing::Error(error)) => return Err(error),
             Err(Unconvincing::Because(why, spent)) => {
-                let (problem, mut found, difference) = everywhere()?;
-                found.evaluations += spent;
-                found.remarks.push(format!("everywhere was searched: {why}"));
-                (problem, found, difference)
+                let mut refined = everywhere()?;
+                refined.found.evaluations += spent;
+                refined.found.remarks.push(format!("everywhere was searched: {why}"));
+                refined
             }
         },
     };
+    let Refined { problem, mut found, difference, sensitivity } = refined;
     let mut remarks: Vec<String> =
         problem.model().dropped().iter().map(|what| format!("left out: {what}")).collect();
     remarks.append(&mut found.remarks);
@@ -89,6 +102,8 @@ pub fn estimate(
     let limits = known.filter(|_| found.searched == Searched::Local).map(|known| known.limits.as_slice());
     let (problem, mut non_identifiable) =
         fix_unidentifiable(problem, &mut found, limits.unwrap_or_default(), &mut remarks, control)?;
+    // With other parameters fixed the outputs answer otherwise.
+    let sensitivity = sensitivity.filter(|_| non_identifiable.is_empty());
     if let (Some(known), Searched::Local) = (known, found.searched) {
         let fixed = known.still_undetermined(&problem, &non_identifiable);
         if !fixed.is_empty() {
@@ -99,7 +114,7 @@ pub fn estimate(
         }
         non_identifiable.extend(fixed);
     }
-    let mut known = uncertainty(&problem, &found.theta);
+    let mut known = uncertainty(&problem, &found.theta, sensitivity);
     found.evaluations += known.evaluations;
     match problem.predictor() {
         // A likelihood has profiles, which `ctsm` gives.
@@ -108,18 +123,16 @@ pub fn estimate(
             found.evaluations += follow(&problem, &found.theta, found.cost, &mut known, control)?;
         }
     }
-    let mut fit = report(&problem, request, found, &known, discretisation_error, remarks);
+    let near = incumbent.and_then(|incumbent| incumbent.process_noise);
+    let noise = near.map_or(ProcessNoise::Likeliest, ProcessNoise::LikeliestNear);
+    let mut fit = report(&problem, request, found, &known, difference, noise, remarks);
     fit.non_identifiable = non_identifiable;
     Ok(fit)
 }
 
 /// The optimum next to what is served, with the parameters fixed that the data have not determined before,
 /// unless they clearly do now; as good as what is served has promised.
-fn next_to(
-    problem: &Problem,
-    incumbent: &Incumbent,
-    control: &Control,
-) -> Result<(Problem, SearchResult, f64), Unconvincing> {
+fn next_to(problem: &Problem, incumbent: &Incumbent, control: &Control) -> Result<Refined, Unconvincing> {
     let near = |problem: &Problem| near(problem, incumbent, control);
     let (mut at, mut found) = sought(&incumbent.as_determined(problem), near, control)?;
     if !incumbent.undetermined.is_empty() {
@@ -130,9 +143,9 @@ fn next_to(
         }
         found.evaluations = evaluations;
     }
-    let (at, found, difference) = refined(at, found, false, control)?;
-    as_promised(&at, &found, incumbent)?;
-    Ok((at, found, difference))
+    let refined = refined(at, found, false, control)?;
+    as_promised(&refined.problem, &refined.found, incumbent)?;
+    Ok(refined)
 }
 
 /// With steps that are short enough, and starts that are likely, unless the validation part has been watched.
@@ -141,10 +154,9 @@ fn refined(
     found: SearchResult,
     watched: bool,
     control: &Control,
-) -> Result<(Problem, SearchResult, f64), EstimateError> {
-    let (problem, found, difference) = refine_step(problem, found, watched, control)?;
-    let (problem, found) = if watched { (problem, found) } else { refine_starts(problem, found) };
-    Ok((problem, found, difference))
+) -> Result<Refined, EstimateError> {
+    let refined = refine_step(problem, found, watched, control)?;
+    Ok(if watched { refined } else { refine_starts(refined) })
 }
 
 /// Searches, and draws what was found to what is known beforehand.
@@ -265,23 +277,24 @@ fn refine_step(
     mut found: SearchResult,
     chosen: bool,
     control: &Control,
-) -> Result<(Problem, SearchResult, f64), EstimateError> {
+) -> Result<Refined, EstimateError> {
     loop {
-        let StepError { finer, difference, fine_enough, evaluations } = step_error(&problem, &found.theta);
+        let StepError { finer, difference, fine_enough, sensitivity, evaluations } =
+            step_error(&problem, &found.theta);
         found.evaluations += evaluations;
         if fine_enough {
-            return Ok((problem, found, difference));
+            return Ok(Refined { problem, found, difference, sensitivity });
         }
         if chosen {
             let again = finer.evaluate(&[finer.candidate(&found.theta)], false);
             let Some(Cost::Finite(cost)) = again.first().map(|evaluation| evaluation.cost) else {
-                return Ok((problem, found, difference));
+                return Ok(Refined { problem, found, difference, sensitivity });
             };
             (problem, found.cost, found.evaluations) = (finer, cost, found.evaluations + 1);
             continue;
         }
         let Some(polished) = polish(&finer, &found.theta, POLISH_EVALUATIONS, control)? else {
-            return Ok((problem, found, difference));
+            return Ok(Refined { problem, found, difference, sensitivity });
         };
         problem = finer;
         found = SearchResult {
@@ -295,11 +308,16 @@ fn refine_step(
 
 /// Moves the starts of the measured states to where they most likely were, where they are hardly where the
 /// first measurements have them, and the parameters along. A start that makes the fit no better is not taken.
-fn refine_starts(mut problem: Problem, mut found: SearchResult) -> (Problem, SearchResult) {
+fn refine_starts(refined: Refined) -> Refined {
+    let Refined { mut problem, mut found, difference, mut sensitivity } = refined;
     let mut least = HARDLY;
     for _ in 0..MOST_STARTS {
-        let Some(starts) = starts::estimate(&problem, &found.theta) else { break };
-        found.evaluations += simulations(&problem);
+        if sensitivity.is_none() {
+            sensitivity = Sensitivity::new(&problem, &found.theta);
+            found.evaluations += simulations(&problem);
+        }
+        let starts = sensitivity.as_ref().and_then(|known| starts::of(&problem, &found.theta, known));
+        let Some(starts) = starts else { break };
         if starts.moved < least {
             break;
         }
@@ -313,8 +331,9 @@ fn refine_starts(mut problem: Problem, mut found: SearchResult) -> (Problem, Sea
         }
         let theta = moved.theta(&starts.parameters);
         (problem, found, least) = (moved, SearchResult { theta, cost, ..found }, SAME_START);
+        sensitivity = None;
     }
-    (problem, found)
+    Refined { problem, found, difference, sensitivity }
 }
 
 /// Fixes parameters on a bound at their nominal values where the hold-out is no worse for it. Of some it is

@@ -10,9 +10,10 @@ pub use super::walk::{Kalman, Noise};
 use crate::interrupt::Meter;
 use rayon::prelude::*;
 
-/// Noises that are tried side by side, and how often: the second time between the neighbours of the best.
+/// Noises that are tried side by side.
 const TRIED: usize = 8;
-const ROUNDS: usize = 2;
+/// Logarithms of noises that are as good as the same.
+const ENDS: f64 = 1e-9;
 /// Where the likeliest process noise is sought, in the unit of a state per square root of an hour.
 const PROCESS_NOISE: [f64; 2] = [1e-3, 3.0];
 
@@ -105,10 +106,19 @@ impl Kalman<'_> {
 
     /// The process noise that makes the innovations of samples `0..until` most likely, between 1e-3 and 3
     /// units per square root of an hour: eight side by side, eight more from one neighbour of the best one to
-    /// the other, then the peak of a parabola through the best three of those. All have the slopes where the
-    /// middle one is: noises move the states by little.
-    pub fn likely_process_noise(&self, theta: &[f64], measurement: &[f64], until: usize) -> f64 {
-        let likelihoods = |logarithms: &[f64; TRIED]| -> [f64; TRIED] {
+    /// the other, then the peak of a parabola through the best three of those. Where one is `near`, the first
+    /// eight are spared, unless the likeliest lies farther away. All have the slopes where the middle one is:
+    /// noises move the states by little.
+    pub fn likely_process_noise(
+        &self,
+        theta: &[f64],
+        measurement: &[f64],
+        until: usize,
+        near: Option<f64>,
+    ) -> f64 {
+        let tried = |from: f64, to: f64| -> Vec<(f64, f64)> {
+            let step = (to - from) / (TRIED - 1) as f64;
+            let logarithms: [f64; TRIED] = std::array::from_fn(|place| from + place as f64 * step);
             let noise = |logarithm: &f64| Noise {
                 process: vec![logarithm.exp(); self.initial.len()],
                 measurement: measurement.to_vec(),
@@ -117,24 +127,27 @@ impl Kalman<'_> {
             let mut walk = self.walk::<TRIED>(&[theta], &noises).with_common_slopes();
             let mut found = [0.0; TRIED];
             self.pass(until, &mut walk, &mut found, |_, _| ());
-            found.map(|likelihood| if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY })
+            let finite =
+                |likelihood: f64| if likelihood.is_finite() { likelihood } else { f64::NEG_INFINITY };
+            logarithms.into_iter().zip(found.map(finite)).collect()
         };
         let [low, high] = PROCESS_NOISE.map(f64::ln);
-        let (mut from, mut to) = (low, high);
-        let mut tried: Vec<(f64, f64)> = Vec::new();
-        for _ in 0..ROUNDS {
-            let step = (to - from) / (TRIED - 1) as f64;
-            let logarithms: [f64; TRIED] = std::array::from_fn(|place| from + place as f64 * step);
-            tried = logarithms.into_iter().zip(likelihoods(&logarithms)).collect();
-            let best = peak(&tried).map_or(0.5 * (low + high), |best| best.0);
-            (from, to) = ((best - step).max(low), (best + step).min(high));
-        }
-        let Some(best) = peak(&tried).and_then(|best| tried.iter().position(|one| *one == best)) else {
-            return (0.5 * (low + high)).exp();
+        let wide = (high - low) / (TRIED - 1) as f64;
+        let about = |middle: f64| tried((middle - wide).max(low), (middle + wide).min(high));
+        let likeliest = near.and_then(|near| {
+            let [lowest, highest] = PROCESS_NOISE;
+            let tried = about(near.clamp(lowest, highest).ln());
+            let best = peak(&tried);
+            // What is likeliest at an end may be likelier still behind it, unless nothing is there.
+            let [first, last] = [tried[0].0, tried[TRIED - 1].0];
+            let is_end = best == first && best > low + ENDS || best == last && best < high - ENDS;
+            (!is_end).then(|| vertex(&tried, best))
+        });
+        let anew = || {
+            let tried = about(peak(&tried(low, high)));
+            vertex(&tried, peak(&tried))
         };
-        let around = tried.get(best.wrapping_sub(1)).zip(tried.get(best + 1));
-        let vertex = around.and_then(|(before, behind)| vertex(*before, tried[best], *behind));
-        vertex.unwrap_or(tried[best].0).exp()
+        likeliest.unwrap_or_else(anew).exp()
     }
 
     /// Forecasts with measured inputs from the filtered state at each origin: the first output at leads
@@ -245,17 +258,21 @@ impl Kalman<'_> {
     }
 }
 
-/// The pair with the largest second, of equals the first.
-fn peak(tried: &[(f64, f64)]) -> Option<(f64, f64)> {
-    tried.iter().copied().rev().max_by(|one, other| one.1.total_cmp(&other.1))
+/// Where the second of the pairs is largest, of equals at the first.
+fn peak(tried: &[(f64, f64)]) -> f64 {
+    tried.iter().rev().max_by(|one, other| one.1.total_cmp(&other.1)).map_or(f64::NAN, |best| best.0)
 }
 
-/// Where the parabola through three points is largest, if it has such a place between the outer ones.
-fn vertex(before: (f64, f64), at: (f64, f64), behind: (f64, f64)) -> Option<f64> {
+/// Where the parabola through the best of some pairs and its neighbours is largest, if it has such a place
+/// between those; else where the best is.
+fn vertex(tried: &[(f64, f64)], best: f64) -> f64 {
+    let at = tried.iter().position(|one| one.0 == best);
+    let around = at.and_then(|at| Some((tried.get(at.wrapping_sub(1))?, tried[at], tried.get(at + 1)?)));
+    let Some((before, at, behind)) = around else { return best };
     let [left, right] = [before, behind].map(|other| ((other.1 - at.1) / (other.0 - at.0), other.0 - at.0));
     let bend = (right.0 - left.0) / (right.1 - left.1);
     let to = at.0 - 0.5 * (left.0 - bend * left.1) / bend;
-    (bend < 0.0 && to > before.0 && to < behind.0).then_some(to)
+    if bend < 0.0 && to > before.0 && to < behind.0 { to } else { best }
 }
 
 #[cfg(test)]
@@ -311,6 +328,47 @@ mod tests {
             assert!((found.deviations[k][0] - p.sqrt()).abs() < 1e-9, "variance at {k}");
             assert!((found.states[k][0] - x).abs() < 1e-9, "mean at {k}: {} {x}", found.states[k][0]);
             assert!((found.innovations[0][k].unwrap() - innovation).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_likeliest_noise_is_the_same_wherever_it_is_sought_from() {
+        let model = decay();
+        let inputs = Inputs::from_columns_with_length(&model, 400, 0.5);
+        // A state that is pushed now and then, by a sequence that repeats late.
+        let mut state = 10.0;
+        let values: Vec<f64> = (0..400_u64)
+            .map(|k| {
+                let push = (k * k * 7919 % 1009) as f64 / 1009.0 - 0.5;
+                state = state * (-A * 0.5).exp() + push;
+                state + 0.05 * (k as f64 * 2.4).sin()
+            })
+            .collect();
+        let valid = vec![true; 400];
+        let measured: [MeasuredOutput; 1] = [(&values, &valid)];
+        let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Ros2, 3);
+        let kalman = Kalman::new(&model, &simulator, &measured);
+        let sought = |near| kalman.likely_process_noise(&[A], &[0.0025], 400, near);
+        let likelihood = |noise: f64| {
+            kalman
+                .filter(&[A], &Noise { process: vec![noise], measurement: vec![0.0025] }, 400)
+                .log_likelihood
+        };
+        let likeliest = sought(None);
+        assert!(likelihood(likeliest) > likelihood(0.9 * likeliest).max(likelihood(1.1 * likeliest)));
+        // From nearby, from the far ends, and from beyond them.
+        for near in [0.7 * likeliest, 2.0 * likeliest, 1e-3, 3.0, 0.0, 1e9] {
+            let found = sought(Some(near));
+            assert!((found / likeliest - 1.0).abs() < 0.02, "from {near}: {found}, and {likeliest}");
+        }
+        // What does not move has the least noise that there is, from wherever.
+        let still = vec![0.0; 400];
+        let measured: [MeasuredOutput; 1] = [(&still, &valid)];
+        let simulator = Simulator::new(&model, &inputs, &measured, Stepper::Rk4, 30);
+        let kalman = Kalman::new(&model, &simulator, &measured);
+        for near in [None, Some(1e-3), Some(0.3)] {
+            let found = kalman.likely_process_noise(&[A], &[0.0025], 400, near);
+            assert!((found / 1e-3 - 1.0).abs() < 1e-6, "from {near:?}: {found}");
         }
     }
 

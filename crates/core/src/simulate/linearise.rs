@@ -12,7 +12,7 @@ use super::lane::Lane;
 use super::lanes::LaneFile;
 use crate::interrupt::Brake;
 use crate::model::derivative::derivatives;
-use crate::model::entrance::entrances;
+use crate::model::entrance::{Entrance, entrances};
 use crate::model::expr::NodeId;
 use crate::model::tape::{Tape, schedule};
 use crate::model::{InputHold, Model};
@@ -88,10 +88,18 @@ pub struct Linearisation<'a> {
 impl<'a> Linearisation<'a> {
     /// Differentiates the equations by everything that enters them.
     pub fn new(model: &'a Model, inputs: &'a Inputs, theta: &'a [f64]) -> Self {
+        Self::by(&entrances(model), model, inputs, theta)
+    }
+
+    /// The same by the states alone: what enters is all in the offsets.
+    pub fn of_states(model: &'a Model, inputs: &'a Inputs, theta: &'a [f64]) -> Self {
+        Self::by(&[], model, inputs, theta)
+    }
+
+    fn by(leaves: &[Entrance], model: &'a Model, inputs: &'a Inputs, theta: &'a [f64]) -> Self {
         let mut graph = model.graph().clone();
         let outputs: Vec<NodeId> = model.outputs().iter().map(|output| output.node).collect();
         let roots: Vec<NodeId> = model.rhs().iter().chain(&outputs).copied().collect();
-        let leaves = entrances(model);
         let entering: Vec<Entering> =
             leaves.iter().map(|one| Entering { input: one.input, delay: one.delay(&graph, theta) }).collect();
         let by_leaf: Vec<Vec<NodeId>> =

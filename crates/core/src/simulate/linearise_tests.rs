@@ -81,6 +81,20 @@ fn a_linear_model_has_the_matrices_of_the_exponential() {
         assert_eq!((step.c.as_slice(), step.d.as_slice()), ([1.0, 0.0].as_slice(), [0.0, 0.0].as_slice()));
         near(step.output_offset[0], 0.0);
     }
+    // By the states alone, what enters is in the offset.
+    let by_states = Linearisation::of_states(&model, &inputs, &theta);
+    let alone = by_states.steps(0..2, &[20.0, 15.0], &quiet(2), &Brake::NONE).unwrap();
+    for (step, alone) in steps.iter().zip(&alone) {
+        assert!(alone.b.is_empty() && alone.e.is_empty());
+        assert_eq!((&alone.a, &alone.q, &alone.next), (&step.a, &step.q, &step.next));
+        let k = usize::from(!std::ptr::eq(step, &steps[0]));
+        for i in 0..2 {
+            let now = [inputs.at(0, k), inputs.at(1, k)];
+            let then = [inputs.at(0, k + 1), inputs.at(1, k + 1)];
+            let entered: f64 = (0..2).map(|j| step.b[i * 2 + j] * now[j] + step.e[i * 2 + j] * then[j]).sum();
+            near(alone.offset[i], entered);
+        }
+    }
     // The covariance by the exponential of the doubled system (Van Loan, the same paper).
     let a = system.view((0, 0), (2, 2)).into_owned();
     let mut doubled = DMatrix::zeros(4, 4);

@@ -50,27 +50,37 @@ impl Simulator {
     /// inputs are unknown; their states stay as they are. Only models that step with their samples have such
     /// runs.
     pub fn steps_along(&self, along: &[Vec<f64>], thetas: &[&[f64]]) -> Vec<Vec<StepAlong>> {
-        let mut steps: Vec<Vec<StepAlong>> = vec![Vec::with_capacity(thetas.len()); along.len()];
+        let mut steps: Vec<Vec<StepAlong>> = along.iter().map(|_| Vec::with_capacity(thetas.len())).collect();
         for thetas in thetas.chunks(LANES) {
-            self.block_along(along, thetas, &mut steps);
+            match thetas.len() {
+                ..=8 => self.block_along::<8>(along, thetas, &mut steps),
+                9..=16 => self.block_along::<16>(along, thetas, &mut steps),
+                17..=24 => self.block_along::<24>(along, thetas, &mut steps),
+                _ => self.block_along::<LANES>(along, thetas, &mut steps),
+            }
         }
         steps
     }
 
-    fn block_along(&self, along: &[Vec<f64>], thetas: &[&[f64]], steps: &mut [Vec<StepAlong>]) {
+    fn block_along<const W: usize>(
+        &self,
+        along: &[Vec<f64>],
+        thetas: &[&[f64]],
+        steps: &mut [Vec<StepAlong>],
+    ) {
         let (step_tape, drive, substeps, hours) = self.step_parts();
         let (output_tape, output_drive) = self.output_parts();
-        let mut file = LaneFile::<LANES>::new(step_tape);
+        let mut file = LaneFile::<W>::new(step_tape);
         file.load(thetas, hours);
-        let mut out = LaneFile::<LANES>::new(output_tape);
+        let mut out = LaneFile::<W>::new(output_tape);
         out.load(thetas, 0.0);
         let (states, outputs) = (self.initial.len(), output_tape.roots.len());
         let mut meter = Meter::new(&self.brake);
         for (k, (start, steps)) in along.iter().zip(steps).enumerate() {
-            meter.add(LANES * (substeps * step_tape.step.len() + output_tape.step.len()));
+            meter.add(W * (substeps * step_tape.step.len() + output_tape.step.len()));
             for (state, value) in start.iter().enumerate() {
-                *file.state(state) = [*value; LANES];
-                *out.state(state) = [*value; LANES];
+                *file.state(state) = [*value; W];
+                *out.state(state) = [*value; W];
             }
             output_drive.load(&mut out, k, 0);
             out.step();

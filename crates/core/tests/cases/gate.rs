@@ -10,7 +10,7 @@ mod spoilt;
 
 use super::folders::{case, cases, names};
 use lampyris_core::data::{DAY, HOUR};
-use lampyris_core::estimate::assess::metrics::{ahead, filter};
+use lampyris_core::estimate::assess::metrics::{ProcessNoise, ahead, filter};
 use lampyris_core::estimate::gate::check::{CheckResult, Severity};
 use lampyris_core::estimate::{Fit, GatePolicy, Judgement, Past, Problem, Verdict, validate};
 use lampyris_core::twin::Level;
@@ -194,7 +194,7 @@ impl Case {
 /// Errors 6 and 24 h ahead on the unseen part.
 fn errors(problem: &Problem, fit: &Fit) -> Vec<f64> {
     let problem = problem.with_substeps(fit.substeps);
-    let run = filter(&problem, &fit.theta(), None);
+    let run = filter(&problem, &fit.theta(), ProcessNoise::Likeliest);
     let range = problem.split().validation.clone();
     ahead(&problem, &fit.theta(), &run, range, &[("PT6H", 6 * HOUR), ("PT24H", DAY)])
         .into_values()

@@ -6,7 +6,7 @@ use super::{fit, request};
 use lampyris_core::data::{ColumnBindings, DAY, Window};
 use lampyris_core::diagnose::ladder::{Step, ladder};
 use lampyris_core::diagnose::{Diagnosis, diagnose};
-use lampyris_core::estimate::assess::metrics::{day_ahead_mse, filter};
+use lampyris_core::estimate::assess::metrics::{ProcessNoise, day_ahead_mse, filter};
 use lampyris_core::estimate::problem::request::{AccusationRate, WindowRange};
 use lampyris_core::estimate::{Control, EstimateRequest, Site, prepare};
 use lampyris_core::model::{Catalogue, ModelId};
@@ -67,7 +67,7 @@ fn day_ahead(csv: &str, model: &str, binds: &[&str], asked: &EstimateRequest) ->
     let [first, second] = found.steps.as_slice() else { panic!("one step: {found:#?}") };
     assert!(second.kept && second.why.contains("of forecasts a day ahead from "), "{}", second.why);
     println!("{}", second.why);
-    let error = |step: &Step, process_noise: Option<f64>| {
+    let error = |step: &Step, process_noise: ProcessNoise| {
         let problem = problem(&step.model);
         let theta: Vec<f64> =
             problem.model().parameters().iter().map(|parameter| step.parameters[&parameter.name]).collect();
@@ -77,8 +77,8 @@ fn day_ahead(csv: &str, model: &str, binds: &[&str], asked: &EstimateRequest) ->
             run.process_noise,
         )
     };
-    let (before, process_noise) = error(first, None);
-    [before, error(second, Some(process_noise)).0]
+    let (before, process_noise) = error(first, ProcessNoise::Likeliest);
+    [before, error(second, ProcessNoise::Known(process_noise)).0]
 }
 
 /// Two offices, whose people, windows and ventilation leave much unexplained: whatever is named lowers the

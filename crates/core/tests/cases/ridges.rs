@@ -40,7 +40,7 @@ fn told(experiment: &str) -> (Problem, Uncertainty) {
     let asked: EstimateRequest = serde_json::from_value(asked).unwrap();
     let problem = prepare(&catalogue, &id.parse().unwrap(), &asked, &window, &Site::default()).unwrap();
     let truth: Vec<f64> = twin.truth.iter().map(|(_, value)| *value).collect();
-    let known = uncertainty(&problem, &truth);
+    let known = uncertainty(&problem, &truth, None);
     (problem, known)
 }
 

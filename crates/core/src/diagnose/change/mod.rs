@@ -17,9 +17,11 @@ mod scan;
 mod tests;
 mod whitened;
 
+use super::missing_heat::record::MissingHeatAsked;
 use super::missing_heat::shown;
 use crate::data::{DAY, Duration, Window, rfc3339};
 use crate::estimate::Problem;
+use crate::estimate::assess::metrics::ProcessNoise;
 use crate::estimate::fit::parameter_change::ParameterChange;
 use crate::fault::Fault;
 use crate::model::{Parameter, Scale};
@@ -73,6 +75,7 @@ pub struct ParameterChanges {
 pub struct ChangeRecord<'a> {
     problem: &'a Problem,
     theta: Vec<f64>,
+    noise: ProcessNoise,
     whitened: Whitened,
     scan: Scan,
 }
@@ -84,11 +87,12 @@ pub fn step(window: &Window, output: &str) -> Option<Duration> {
 }
 
 /// What the record of a problem says of parameters that change, along those near these that are likeliest.
+/// `noise` is that of the filter.
 ///
 /// # Errors
 /// As [`ChangeRecord::new`].
-pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fault> {
-    let record = ChangeRecord::new(problem, theta, usize::MAX)?;
+pub fn changes(problem: &Problem, theta: &[f64], noise: ProcessNoise) -> Result<ParameterChanges, Fault> {
+    let record = ChangeRecord::new(problem, theta, noise, usize::MAX)?;
     let found = record.changes(0..record.days());
     // Most nights nothing comes near, and the other passes are spared.
     if found.largest.is_none_or(|largest| largest < NEAR) {
@@ -104,17 +108,23 @@ pub fn changes(problem: &Problem, theta: &[f64]) -> Result<ParameterChanges, Fau
 ///
 /// # Errors
 /// As [`ChangeRecord::new`].
-pub fn settled(problem: &Problem, theta: &[f64]) -> Result<Vec<f64>, Fault> {
-    Ok(ChangeRecord::new(problem, theta, usize::MAX)?.likeliest().theta)
+pub fn settled(problem: &Problem, theta: &[f64], noise: ProcessNoise) -> Result<Vec<f64>, Fault> {
+    Ok(ChangeRecord::new(problem, theta, noise, usize::MAX)?.likeliest().theta)
 }
 
 impl<'a> ChangeRecord<'a> {
-    /// Filters a record, of which no stretch of more than `longest` days will be asked for.
+    /// Filters a record, of which no stretch of more than `longest` days will be asked for. The model is
+    /// linearised along the states of a filter of this noise.
     ///
     /// # Errors
     /// A fault of a model that has no filter, of one no output of which shows a state, and where the numbers
     /// are left.
-    pub fn new(problem: &'a Problem, theta: &[f64], longest: usize) -> Result<Self, Fault> {
+    pub fn new(
+        problem: &'a Problem,
+        theta: &[f64],
+        noise: ProcessNoise,
+        longest: usize,
+    ) -> Result<Self, Fault> {
         let cannot = |why: &str| Fault::new("/model", "no-changes", why);
         if let Some(why) = problem.predictor().lacks_filter_for("what changes") {
             return Err(cannot(&why));
@@ -123,10 +133,10 @@ impl<'a> ChangeRecord<'a> {
         let (output, state) = (0..model.outputs().len())
             .find_map(|output| Some((output, shown(model, output)?)))
             .ok_or_else(|| cannot("no output of the model shows a state"))?;
-        let whitened = Whitened::new(problem, theta, output, state)
+        let whitened = Whitened::new(&MissingHeatAsked { problem, theta, output, state }, noise)
             .ok_or_else(|| cannot("the model leaves the numbers on this record"))?;
         let scan = Scan::new(&whitened, longest.min(whitened.days()));
-        Ok(Self { problem, theta: theta.to_vec(), whitened, scan })
+        Ok(Self { problem, theta: theta.to_vec(), noise, whitened, scan })
     }
 
     /// The record along the likeliest parameters near its own.
@@ -134,7 +144,7 @@ impl<'a> ChangeRecord<'a> {
         let mut record = self;
         for _ in 0..ROUNDS {
             let Some(next) = record.nearer() else { break };
-            let Ok(there) = Self::new(record.problem, &next, usize::MAX) else { break };
+            let Ok(there) = Self::new(record.problem, &next, record.noise, usize::MAX) else { break };
             if there.whitened.likelihood < record.whitened.likelihood + GAIN {
                 break;
             }

@@ -4,7 +4,9 @@ use super::scan::Scan;
 use super::whitened::Whitened;
 use super::{ChangeRecord, changes};
 use crate::data::{ColumnBindings, DAY, Duration, SplitRequest, Window};
+use crate::diagnose::missing_heat::record::MissingHeatAsked;
 use crate::diagnose::tests::site;
+use crate::estimate::assess::metrics::ProcessNoise;
 use crate::estimate::{EstimateRequest, Problem, prepare};
 use crate::gram::dot;
 use crate::model::Catalogue;
@@ -41,6 +43,10 @@ fn room(seed: u64, change: Option<(&str, usize, f64)>) -> (Problem, Vec<f64>) {
     (problem, theta)
 }
 
+fn whitened(problem: &Problem, theta: &[f64]) -> Whitened {
+    Whitened::new(&MissingHeatAsked { problem, theta, output: 0, state: 0 }, ProcessNoise::Likeliest).unwrap()
+}
+
 /// The place of a parameter among those that may change.
 fn place(record: &Whitened, problem: &Problem, name: &str) -> usize {
     let parameters = problem.model().parameters();
@@ -51,7 +57,7 @@ fn place(record: &Whitened, problem: &Problem, name: &str) -> usize {
 fn a_change_is_told_with_its_day_and_size_and_a_room_without_one_stays_silent() {
     for (seed, name) in [(31, "alpha_h"), (32, "alpha_a")] {
         let (problem, theta) = room(seed, Some((name, 24, 1.4)));
-        let found = changes(&problem, &theta).unwrap();
+        let found = changes(&problem, &theta, ProcessNoise::Likeliest).unwrap();
         let change = found.change.clone().unwrap_or_else(|| panic!("{name}: {found:?}"));
         // The first midnight (UTC) of the twin is its beginning, so that its days are those of the record.
         let begin = crate::data::read_time("", &found.from).unwrap();
@@ -61,14 +67,14 @@ fn a_change_is_told_with_its_day_and_size_and_a_room_without_one_stays_silent() 
         assert!(found.sentence.starts_with("Since 2026-"), "{}", found.sentence);
         // Parameters that are wrong throughout are no change, and hide none.
         let wrong: Vec<f64> = theta.iter().map(|value| value * 1.05).collect();
-        let same = changes(&problem, &wrong).unwrap().change.unwrap();
+        let same = changes(&problem, &wrong, ProcessNoise::Likeliest).unwrap().change.unwrap();
         assert!(
             (crate::data::read_time("", &same.since).unwrap() - since).abs() <= DAY,
             "{same:?} {change:?}"
         );
 
         let (problem, theta) = room(seed, None);
-        let found = changes(&problem, &theta).unwrap();
+        let found = changes(&problem, &theta, ProcessNoise::Likeliest).unwrap();
         assert!(found.change.is_none() && found.largest.unwrap() < super::THRESHOLD, "{found:?}");
     }
 }
@@ -101,12 +107,12 @@ fn a_direction_is_what_a_changed_parameter_adds_to_the_innovations() {
         }
         text
     };
-    let whitened = |csv: &str| {
+    let of = |csv: &str| {
         let problem = problem_of(csv);
-        let record = Whitened::new(&problem, &theta, 0, 0).unwrap();
+        let record = whitened(&problem, &theta);
         (place(&record, &problem, "alpha_h"), record)
     };
-    let ((place, kept), (_, changed)) = (whitened(&csv(false)), whitened(&csv(true)));
+    let ((place, kept), (_, changed)) = (of(&csv(false)), of(&csv(true)));
     let first_day = (grid.time(from).div_euclid(DAY) - kept.first_day) as usize;
     let direction = kept.directions(first_day..kept.days()).swap_remove(place);
     let rows = kept.rows(first_day..kept.days());
@@ -125,7 +131,7 @@ fn a_direction_is_what_a_changed_parameter_adds_to_the_innovations() {
 #[test]
 fn sums_by_days_are_plain_regression() {
     let (problem, theta) = room(34, None);
-    let record = Whitened::new(&problem, &theta, 0, 0).unwrap();
+    let record = whitened(&problem, &theta);
     let steps = Scan::new(&record, DAYS + 1).steps(3..30, 1e-3);
     let places = record.parameters.len();
     let step = steps.iter().find(|step| step.day == 20).unwrap();
@@ -151,7 +157,7 @@ fn sums_by_days_are_plain_regression() {
 #[test]
 fn a_short_record_says_that_it_is_short_and_a_stretch_what_its_days_say() {
     let (problem, theta) = room(35, Some(("alpha_h", 24, 1.5)));
-    let record = ChangeRecord::new(&problem, &theta, DAYS).unwrap();
+    let record = ChangeRecord::new(&problem, &theta, ProcessNoise::Likeliest, DAYS).unwrap();
     let short = record.changes(0..9);
     assert!(short.change.is_none() && short.largest.is_none() && short.sentence.contains("too short"));
     assert!(record.changes(0..24).change.is_none());

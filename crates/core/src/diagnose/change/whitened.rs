@@ -10,8 +10,7 @@ use crate::cpu::{Cpu, Kernel, dispatch};
 use crate::data::DAY;
 use crate::diagnose::missing_heat::record::{LinearRecord, MissingHeatAsked};
 use crate::diagnose::missing_heat::smoother::{likeliest, passed};
-use crate::estimate::Problem;
-use crate::estimate::assess::metrics::filter;
+use crate::estimate::assess::metrics::{ProcessNoise, filter};
 use crate::estimate::segments::is_start;
 use crate::model::{Model, Scale};
 use crate::simulate::lane::Lane;
@@ -75,12 +74,13 @@ fn unit(model: &Model, parameter: usize, value: f64) -> f64 {
 }
 
 impl Whitened {
-    /// Filters a record at these parameters. `None` where the numbers are left.
-    pub fn new(problem: &Problem, theta: &[f64], output: usize, state: usize) -> Option<Self> {
+    /// Filters a record at these parameters, linearised along a filter of this noise. `None` where the
+    /// numbers are left.
+    pub fn new(asked: &MissingHeatAsked<'_>, noise: ProcessNoise) -> Option<Self> {
+        let MissingHeatAsked { problem, theta, .. } = *asked;
         let model = problem.model();
-        let asked = MissingHeatAsked { problem, theta, output, state };
-        let along = filter(problem, theta, None).filtered.states;
-        let record = LinearRecord::new(&asked, &along, &[])?;
+        let along = filter(problem, theta, noise).filtered.states;
+        let record = LinearRecord::new(asked, &along, &[])?;
         let begin = asked.begin();
         let guess = likeliest(&record, begin, begin, problem.brake());
         let (passed, likelihood) = passed(&record, guess);

@@ -90,31 +90,27 @@ impl LinearRecord {
             })
             .collect();
         let linear =
-            Linearisation::new(model, inputs, theta).steps_along(&starts, &noise, problem.brake())?;
+            Linearisation::of_states(model, inputs, theta).steps_along(&starts, &noise, problem.brake())?;
         let measured = problem.measured();
         let mut readings: Vec<Vec<Reading>> = (0..samples).map(|_| Vec::new()).collect();
         let mut steps: Vec<AffineStep> = (1..samples).map(|next| Self::gap(&along[next], free)).collect();
         for (k, step) in known.iter().zip(&linear) {
-            let at = DVector::from_column_slice(&step.states);
-            let a = DMatrix::from_row_slice(n, n, &step.a);
             let mut matrix = DMatrix::zeros(n + 3, n + 3);
-            matrix.view_mut((0, 0), (n, n)).copy_from(&a);
+            matrix.view_mut((0, 0), (n, n)).copy_from(&DMatrix::from_row_slice(n, n, &step.a));
             for part in [rate, steady] {
                 (0..n).for_each(|i| matrix[(i, part)] = step.g[i * n + state]);
             }
             let mut constant = DVector::zeros(n + 3);
-            constant.rows_mut(0, n).copy_from(&(DVector::from_column_slice(&step.next) - &a * &at));
-            (0..n).for_each(|i| constant[i] -= step.g[i * n + state] * on_top(*k));
+            constant.rows_mut(0, n).copy_from_slice(&step.offset);
             let mut covariance = DMatrix::zeros(n + 3, n + 3);
             covariance.view_mut((0, 0), (n, n)).copy_from(&DMatrix::from_row_slice(n, n, &step.q));
             steps[*k] = AffineStep { matrix, constant, covariance };
             for (output, (values, _)) in measured.iter().enumerate().filter(|(_, (_, valid))| valid[*k]) {
                 let mut row = DVector::zeros(n + 3);
                 row.rows_mut(0, n).copy_from_slice(&step.c[output * n..][..n]);
-                let constant = step.outputs[output] - row.rows(0, n).dot(&at);
                 readings[*k].push(Reading {
                     row,
-                    constant,
+                    constant: step.output_offset[output],
                     value: values[*k],
                     scale: problem.scale(output),
                     output,

@@ -43,7 +43,7 @@ impl Responses {
     pub fn new(problem: &Problem, look: &Look<'_>) -> Option<Self> {
         let model = problem.model();
         let states = model.states().len();
-        let linearisation = Linearisation::new(model, problem.inputs(), look.theta());
+        let linearisation = Linearisation::of_states(model, problem.inputs(), look.theta());
         let noise = Noise { process: vec![0.0; states], measurement: vec![0.0; model.outputs().len()] };
         // Behind the last sample of the record no input is known.
         let last = problem.grid().len() - 1;

@@ -41,12 +41,27 @@ pub fn measurement_variance(problem: &Problem) -> Vec<f64> {
         .collect()
 }
 
-/// Filters the window at `theta`; the process noise is the likeliest one on the training part.
-pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> FilterRun {
+/// What is known of a process noise before a filter runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ProcessNoise {
+    /// It is the likeliest one on the training part.
+    Likeliest,
+    /// The same, which is sought about this one first.
+    LikeliestNear(f64),
+    /// It is this one.
+    Known(f64),
+}
+
+/// Filters the window at `theta`.
+pub fn filter(problem: &Problem, theta: &[f64], process_noise: ProcessNoise) -> FilterRun {
     let Some(kalman) = problem.filter() else { return unfiltered(problem, &problem.simulate(theta)) };
     let measurement = measurement_variance(problem);
-    let process_noise = process_noise
-        .unwrap_or_else(|| kalman.likely_process_noise(theta, &measurement, problem.split().train.end));
+    let likeliest = |near| kalman.likely_process_noise(theta, &measurement, problem.split().train.end, near);
+    let process_noise = match process_noise {
+        ProcessNoise::Likeliest => likeliest(None),
+        ProcessNoise::LikeliestNear(near) => likeliest(Some(near)),
+        ProcessNoise::Known(noise) => noise,
+    };
     filter_with(
         problem,
         theta,
@@ -54,12 +69,12 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: Option<f64>) -> F
     )
 }
 
-/// Filters the window at `theta` with the likeliest process noise, and runs it freely; a model without a
-/// filter has one run for both.
-pub fn filtered_and_free(problem: &Problem, theta: &[f64]) -> (FilterRun, Trajectory) {
+/// Filters the window at `theta` with the likeliest process noise, which may be near one that is known, and
+/// runs it freely; a model without a filter has one run for both.
+pub fn filtered_and_free(problem: &Problem, theta: &[f64], noise: ProcessNoise) -> (FilterRun, Trajectory) {
     let free = problem.simulate(theta);
     let run = match problem.predictor() {
-        Predictor::Filtered => filter(problem, theta, None),
+        Predictor::Filtered => filter(problem, theta, noise),
         Predictor::FreeRun => unfiltered(problem, &free),
     };
     (run, free)

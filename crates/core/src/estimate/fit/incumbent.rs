@@ -22,6 +22,8 @@ pub struct Incumbent {
     pub undetermined: Vec<String>,
     /// Parameters on a bound that the data ask for.
     pub limits: Vec<String>,
+    /// The process noise of their filter; none where that is not known.
+    pub process_noise: Option<f64>,
 }
 
 impl Incumbent {
@@ -37,13 +39,15 @@ impl Incumbent {
             errors: errors.collect(),
             undetermined: fit.non_identifiable.clone(),
             limits: on_bound.map(|(name, _)| name.clone()).collect(),
+            process_noise: Some(fit.process_noise),
         })
     }
 
     /// Values alone, of which nothing else is known.
     pub fn bare(model: ModelId, theta: IndexMap<String, f64>) -> Self {
         let (levels, errors) = (IndexMap::new(), IndexMap::new());
-        Self { model, theta, levels, errors, undetermined: Vec::new(), limits: Vec::new() }
+        let (undetermined, limits) = (Vec::new(), Vec::new());
+        Self { model, theta, levels, errors, undetermined, limits, process_noise: None }
     }
 
     /// Whether they are parameters of the model of a problem, all of them.

@@ -52,7 +52,7 @@ pub(super) fn disturbance(ahead: &Onward, theta: &[f64]) -> Option<Disturbance> 
     let first = now.saturating_sub(back).max(gap);
     let filtered = ahead.filtered(theta);
     let (states, deviations) = (filtered.states.get(first)?, filtered.deviations.get(first)?);
-    let linear = Linearisation::new(model, inputs, theta);
+    let linear = Linearisation::of_states(model, inputs, theta);
     let steps = linear.steps(first..now, states, &ahead.noise, problem.brake())?;
     let measured: Vec<Vec<Option<f64>>> = problem
         .measured()

@@ -5,7 +5,7 @@ use super::limits::OutputScale;
 use super::past::{GatePolicy, Past, Reference};
 use crate::data::Duration;
 use crate::estimate::assess::metrics::{
-    FilterRun, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead,
+    FilterRun, ProcessNoise, ahead, filter, filter_fit, free_run_ahead, horizon_name, lead,
 };
 use crate::estimate::fit::levels::ChannelLevel;
 use crate::estimate::fit::{AheadError, Fit};
@@ -113,7 +113,7 @@ impl<'a> ValidationContext<'a> {
     pub fn error_of(&self, theta: &[f64], samples: Range<usize>) -> Option<AheadError> {
         match &self.run {
             Some(_) => {
-                let run = filter(&self.problem, theta, None);
+                let run = filter(&self.problem, theta, self.noise());
                 forecast(&self.problem, theta, &run, self.policy.horizon, samples)
             }
             None => free_run(&self.problem, &self.problem.simulate(theta), self.policy.horizon, samples),
@@ -124,9 +124,14 @@ impl<'a> ValidationContext<'a> {
     /// a day.
     pub fn errors_before(&self, theta: &[f64]) -> Option<[f64; 2]> {
         let before = self.past.days_before.as_ref()?.with_substeps(self.fit.substeps);
-        let run = filter(&before, theta, None);
+        let run = filter(&before, theta, self.noise());
         let error = |horizon| Some(forecast(&before, theta, &run, horizon, 0..before.grid().len())?.rmse);
         Some([error(self.policy.horizon)?, error(Duration::from_days(1))?])
+    }
+
+    /// The noise of a filter with other parameters: the likeliest, which is hardly far from that of the fit.
+    fn noise(&self) -> ProcessNoise {
+        ProcessNoise::LikeliestNear(self.fit.process_noise)
     }
 
     /// The outputs, with what the limits mean for each.

@@ -6,7 +6,7 @@ use super::evidence::{Evidence, Rival};
 use super::opponents;
 use super::regression::{PairedComparison, Regression};
 use crate::data::{ColumnBindings, HOUR, Window};
-use crate::estimate::assess::metrics::{filter, filter_fit};
+use crate::estimate::assess::metrics::{ProcessNoise, filter, filter_fit};
 use crate::estimate::fit::levels::{ChannelLevel, levels};
 use crate::estimate::problem::Problem;
 use crate::estimate::problem::request::{EstimateRequest, Site, prepare};
@@ -85,7 +85,7 @@ fn a_segment_from_the_states_of_the_free_run_is_the_free_run() {
 fn starts_take_no_part_and_a_direction_is_found_at_its_size() {
     let (_, problem, fit) = &*ROOM;
     let theta = fit.theta();
-    let run = filter(problem, &theta, None);
+    let run = filter(problem, &theta, ProcessNoise::Likeliest);
     let segments = Segments::new(problem, 0..problem.grid().len(), 24.0).unwrap();
     assert_eq!(segments.first_samples().count(), DAYS);
     let starts: Vec<Vec<f64>> = segments.first_samples().map(|k| run.filtered.states[k].clone()).collect();
@@ -210,7 +210,13 @@ fn a_room_that_repeats_itself_is_forecast_by_its_profile() {
     let wave = |k: usize| 20.0 + 2.0 * (std::f64::consts::TAU * (k / 2) as f64 / 24.0).sin();
     let problem = problem(&rewritten(csv, "T_room", |k, _| wave(k)));
     let theta = problem.nominal().to_vec();
-    let met = opponents::without_inputs(&problem, &theta, &filter(&problem, &theta, None), 6 * HOUR).unwrap();
+    let met = opponents::without_inputs(
+        &problem,
+        &theta,
+        &filter(&problem, &theta, ProcessNoise::Likeliest),
+        6 * HOUR,
+    )
+    .unwrap();
     assert!(met.opponent < 1e-3 && met.fit > 0.1 && met.ratio() > 100.0, "{met:?}");
     let (_, good, fit) = &*ROOM;
     let run = filter_fit(good, fit);

@@ -6,7 +6,7 @@
 
 use super::curvature::{Curvature, profiles};
 use super::objective::LikelihoodObjective;
-use crate::estimate::assess::metrics::{filter_fit, metrics};
+use crate::estimate::assess::metrics::{ProcessNoise, filter_fit, metrics};
 use crate::estimate::discretisation::{StepError, step_error};
 use crate::estimate::fit::likelihood::{LikelihoodReport, NoiseEstimate, Profile, StartReport};
 use crate::estimate::fit::{Fit, Stop};
@@ -102,7 +102,8 @@ pub(in crate::estimate) fn estimate(
                 .to_owned(),
         );
     }
-    let mut fit = report(&problem, request, found, &known, discretisation_error, remarks);
+    let mut fit =
+        report(&problem, request, found, &known, discretisation_error, ProcessNoise::Likeliest, remarks);
     let limits: Vec<&str> = fit
         .parameters
         .iter()
@@ -167,7 +168,8 @@ fn peak(
 fn refine(problem: &Problem, found: &mut SearchResult, options: &CtsmOptions) -> (Problem, f64) {
     let mut problem = problem.clone();
     loop {
-        let StepError { finer, difference, fine_enough, evaluations } = step_error(&problem, &found.theta);
+        let StepError { finer, difference, fine_enough, evaluations, .. } =
+            step_error(&problem, &found.theta);
         found.evaluations += evaluations;
         if fine_enough {
             return (problem, difference);

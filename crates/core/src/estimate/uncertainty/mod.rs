@@ -12,7 +12,7 @@ pub mod covariance;
 #[cfg(test)]
 mod covariance_tests;
 pub mod ridge;
-mod sensitivity;
+pub mod sensitivity;
 pub mod starts;
 
 use super::fit::CorrelatedPair;
@@ -54,13 +54,13 @@ pub struct Uncertainty {
 }
 
 /// Uncertainty at a full parameter vector, from all outputs on the training part, which are taken to err
-/// independently.
-pub fn uncertainty(problem: &Problem, theta: &[f64]) -> Uncertainty {
+/// independently. What the outputs answer there may be known.
+pub fn uncertainty(problem: &Problem, theta: &[f64], known: Option<Sensitivity>) -> Uncertainty {
     let space = problem.space();
     // Where every parameter is fixed there is nothing to be uncertain about, and no matrix to decompose.
-    let evaluations = simulations(problem);
+    let evaluations = if known.is_some() { 0 } else { simulations(problem) };
     let none = Uncertainty { ci95: vec![None; space.len()], evaluations, ..Uncertainty::default() };
-    let Some(sensitivity) = Sensitivity::new(problem, theta) else { return none };
+    let Some(sensitivity) = known.or_else(|| Sensitivity::new(problem, theta)) else { return none };
     let (centre, rows) = (problem.candidate(theta), sensitivity.jacobian.nrows());
     let starts = starts::of(problem, theta, &sensitivity);
     let of_data =
@@ -160,8 +160,7 @@ fn cube(svd: SVD<f64, Dyn, Dyn>, sensitivity: &Sensitivity, starts: Option<&Star
 /// How far the estimates move where the outputs of a free run change to those of another one, in their
 /// standard deviations, which are not less than sensors of the declared noise would leave: the most that any
 /// does. `None` where nothing is determined.
-pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64> {
-    let sensitivity = Sensitivity::new(problem, theta)?;
+pub fn shift(problem: &Problem, theta: &[f64], sensitivity: &Sensitivity, other: &Trajectory) -> Option<f64> {
     let change = |(output, k, weight): (usize, usize, f64)| {
         (other.outputs[output][k] - sensitivity.run.outputs[output][k]) * weight
     };
@@ -176,7 +175,7 @@ pub fn shift(problem: &Problem, theta: &[f64], other: &Trajectory) -> Option<f64
         .map(|(block, output)| block.as_noisy_as(output.noise_sd))
         .collect();
     let white = sandwich(svd.clone(), &of_sensors)?;
-    let cube = cube(svd, &sensitivity, starts::of(problem, theta, &sensitivity).as_ref())?;
+    let cube = cube(svd, sensitivity, starts::of(problem, theta, sensitivity).as_ref())?;
     let variance = |i: usize| cube[(i, i)].max(white[(i, i)]).max(f64::MIN_POSITIVE);
     let deviations = |(i, moved): (usize, &f64)| moved.abs() / variance(i).sqrt();
     moved.iter().enumerate().map(deviations).max_by(f64::total_cmp)

@@ -11,15 +11,15 @@ use nalgebra::DMatrix;
 const NUDGE: f64 = 0.1;
 
 /// What the training part answers to the free parameters, in the coordinates of the search.
-pub(super) struct Sensitivity {
+pub struct Sensitivity {
     /// Weighted outputs by parameters.
-    pub jacobian: DMatrix<f64>,
+    pub(super) jacobian: DMatrix<f64>,
     /// Weighted outputs by the starts of measured states, each counted in its deviation.
-    pub to_starts: DMatrix<f64>,
-    pub starts: Vec<MeasuredStart>,
-    pub blocks: Vec<Block>,
+    pub(super) to_starts: DMatrix<f64>,
+    pub(super) starts: Vec<MeasuredStart>,
+    pub(super) blocks: Vec<Block>,
     /// The free run itself.
-    pub run: Trajectory,
+    pub(super) run: Trajectory,
 }
 
 impl Sensitivity {

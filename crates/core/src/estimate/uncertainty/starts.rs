@@ -30,12 +30,8 @@ pub(in crate::estimate) struct Starts {
     pub(super) covariance: DMatrix<f64>,
 }
 
-/// The starts at a fit; `None` of a problem in which nothing is free or nothing starts from a measurement.
-pub(in crate::estimate) fn estimate(problem: &Problem, theta: &[f64]) -> Option<Starts> {
-    of(problem, theta, &Sensitivity::new(problem, theta)?)
-}
-
-pub(super) fn of(problem: &Problem, theta: &[f64], sensitivity: &Sensitivity) -> Option<Starts> {
+/// The starts at a fit; `None` of a problem in which nothing starts from a measurement.
+pub(in crate::estimate) fn of(problem: &Problem, theta: &[f64], sensitivity: &Sensitivity) -> Option<Starts> {
     let Sensitivity { jacobian, to_starts, starts, blocks, run } = sensitivity;
     if starts.is_empty() {
         return None;

@@ -5,6 +5,7 @@ use crate::service::catalogue::system::SystemDocument;
 use crate::service::error::ServiceError;
 use lampyris_core::data::{Duration, SplitRequest, Window};
 use lampyris_core::diagnose::change::{ParameterChanges, WINDOW_DAYS, changes, step};
+use lampyris_core::estimate::assess::metrics::ProcessNoise;
 use lampyris_core::estimate::problem::request::WindowRange;
 use lampyris_core::estimate::{EstimateRequest, Fit, prepare};
 use lampyris_core::fault::Fault;
@@ -46,5 +47,6 @@ pub fn along(
             Fault::new("/model", "model-changed", detail).suggest("post an estimate job"),
         ]));
     }
-    changes(&fit.simulated(&problem), &fit.theta()).map_err(|fault| ServiceError::Faults(vec![fault]))
+    let noise = ProcessNoise::Known(fit.process_noise);
+    changes(&fit.simulated(&problem), &fit.theta(), noise).map_err(|fault| ServiceError::Faults(vec![fault]))
 }
