@@ -26,6 +26,39 @@ pub fn gram(series: &[&[f64]]) -> Vec<f64> {
     dispatch(Cpu::detect(), Gram { series: &series, rows })
 }
 
+/// Takes from a series what lies along the series of an orthonormal basis, each as long as itself.
+pub fn take_out(basis: &[Vec<f64>], series: &mut [f64]) {
+    dispatch(Cpu::detect(), TakeOut { basis, series });
+}
+
+struct TakeOut<'a> {
+    basis: &'a [Vec<f64>],
+    series: &'a mut [f64],
+}
+
+impl Kernel for TakeOut<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { basis, series } = self;
+        let rows = series.len();
+        let mut shares = vec![0.0; basis.len()];
+        for place in 0..basis.len() {
+            let along = &basis[place][..rows];
+            let mut sums = [[0.0; SUMS]];
+            add_products(along, [&*series], &mut sums);
+            shares[place] = total(&sums[0], along, series);
+        }
+        for place in 0..basis.len() {
+            let (along, share) = (&basis[place][..rows], shares[place]);
+            for row in 0..rows {
+                series[row] -= share * along[row];
+            }
+        }
+    }
+}
+
 struct Product<'a> {
     a: &'a [f64],
     b: &'a [f64],
@@ -146,6 +179,22 @@ mod tests {
                     assert_eq!(all[i * 7 + j].to_bits(), dot(&series[i], &series[j]).to_bits());
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_lies_along_a_basis_is_taken_out_and_nothing_else() {
+        let rows = 203;
+        let tone = |cycles: usize| -> Vec<f64> {
+            let turn = std::f64::consts::TAU * cycles as f64 / rows as f64;
+            (0..rows).map(|k| (turn * k as f64).sin() * (2.0 / rows as f64).sqrt()).collect()
+        };
+        let (basis, other) = ([tone(1), tone(2), tone(5)], tone(3));
+        let mut series: Vec<f64> =
+            (0..rows).map(|k| 4.0 * basis[0][k] - basis[1][k] + 0.5 * basis[2][k] + 2.0 * other[k]).collect();
+        take_out(&basis, &mut series);
+        for (left, other) in series.iter().zip(&other) {
+            assert!((left - 2.0 * other).abs() < 1e-12);
         }
     }
 

@@ -69,7 +69,7 @@ fn judge(seed: u64, hidden: &'static str, level: Level) -> Result<Seen, Failure>
     let problem = problem.with_substeps(fit.substeps);
     let theta = fit.theta();
     let sought = ProposalsAsked {
-        catalogue: &catalogue,
+        catalogue,
         problem: &problem,
         theta: &theta,
         window: &window,

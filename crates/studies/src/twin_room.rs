@@ -4,12 +4,14 @@ use lampyris::cli::{Failure, faults};
 use lampyris_core::data::{ColumnBindings, Duration, SplitRequest, Window};
 use lampyris_core::diagnose::change::step;
 use lampyris_core::estimate::{EstimateRequest, Problem, Site, prepare};
+use lampyris_core::fault::Fault;
 use lampyris_core::model::Catalogue;
 use lampyris_core::twin::World;
+use std::sync::OnceLock;
 
 /// A room with the problem of a model.
 pub struct TwinRoom {
-    pub catalogue: Catalogue,
+    pub catalogue: &'static Catalogue,
     pub site: Site,
     pub asked: EstimateRequest,
     pub problem: Problem,
@@ -46,9 +48,11 @@ pub fn watched(made: &World, window: &Window, days: usize) -> Result<Problem, Fa
 }
 
 fn prepared(made: &World, window: &Window, model: &str, asked: EstimateRequest) -> Result<TwinRoom, Failure> {
-    let catalogue = Catalogue::builtin().map_err(|found| faults(&found))?;
+    // A service reads its catalogue once, not room by room.
+    static BUILTIN: OnceLock<Result<Catalogue, Vec<Fault>>> = OnceLock::new();
+    let catalogue = BUILTIN.get_or_init(Catalogue::builtin).as_ref().map_err(|found| faults(found))?;
     let site = Site { sets: [("neighbours".to_owned(), made.neighbours.clone())].into(), ..Site::default() };
     let model = model.parse().map_err(|error| Failure::Error(format!("{error}")))?;
-    let problem = prepare(&catalogue, &model, &asked, window, &site).map_err(|found| faults(&found))?;
+    let problem = prepare(catalogue, &model, &asked, window, &site).map_err(|found| faults(&found))?;
     Ok(TwinRoom { catalogue, site, asked, problem })
 }

@@ -160,16 +160,9 @@ impl Kalman<'_> {
         horizon: usize,
     ) -> Vec<Vec<Option<f64>>> {
         let leads: Vec<usize> = (0..=horizon).collect();
-        let block = |block: &[usize]| {
-            let mut forecasts = vec![vec![None; horizon + 1]; block.len()];
-            self.forecast_block(theta, filtered, block, &leads, |lane, lead, output, value| {
-                if output == 0 {
-                    forecasts[lane][lead] = value;
-                }
-            });
-            forecasts
-        };
-        origins.par_chunks(LANES).flat_map_iter(block).collect()
+        let mut found = self.forecasts_from(theta, filtered, origins, &leads);
+        found.iter_mut().for_each(|forecasts| forecasts.truncate(leads.len()));
+        found
     }
 
     /// Forecasts of every output at some leads only, in samples and strictly increasing:
@@ -181,44 +174,62 @@ impl Kalman<'_> {
         origins: &[usize],
         leads: &[usize],
     ) -> Vec<Vec<Vec<Option<f64>>>> {
-        let outputs = self.measured.len();
-        let block = |block: &[usize]| {
-            let mut forecasts = vec![vec![None; outputs * leads.len()]; block.len()];
-            self.forecast_block(theta, filtered, block, leads, |lane, lead, output, value| {
-                forecasts[lane][output * leads.len() + lead] = value;
-            });
-            forecasts
-        };
-        let by_origin: Vec<Vec<Option<f64>>> = origins.par_chunks(LANES).flat_map_iter(block).collect();
+        let by_origin = self.forecasts_from(theta, filtered, origins, leads);
         let series = |place: usize| by_origin.iter().map(|forecasts| forecasts[place]).collect();
-        (0..outputs)
+        (0..self.measured.len())
             .map(|output| (0..leads.len()).map(|lead| series(output * leads.len() + lead)).collect())
             .collect()
     }
 
-    /// Tells `keep` the lane, the index of the lead, the output and the value of every forecast of a block.
-    /// Lanes share the clock, so each origin joins when its time comes.
-    fn forecast_block(
+    /// The same by origins: of each, the forecasts of every output at all leads, one output after the other.
+    fn forecasts_from(
         &self,
         theta: &[f64],
         filtered: &Filtered,
         origins: &[usize],
         leads: &[usize],
-        mut keep: impl FnMut(usize, usize, usize, Option<f64>),
-    ) {
+    ) -> Vec<Vec<Option<f64>>> {
+        let block = |origins: &[usize]| match origins.len() {
+            ..=8 => self.forecast_block::<8>(theta, filtered, origins, leads),
+            _ => self.forecast_block::<LANES>(theta, filtered, origins, leads),
+        };
+        origins.par_chunks(LANES).flat_map_iter(block).collect()
+    }
+
+    /// The forecasts from at most so many origins. Lanes share the clock, so each origin joins when its time
+    /// comes.
+    fn forecast_block<const W: usize>(
+        &self,
+        theta: &[f64],
+        filtered: &Filtered,
+        origins: &[usize],
+        leads: &[usize],
+    ) -> Vec<Vec<Option<f64>>> {
+        let outputs = self.measured.len();
+        let mut forecasts = vec![vec![None; outputs * leads.len()]; origins.len()];
         let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
         let (output_tape, output_drive) = self.simulator.output_parts();
-        let mut file = LaneFile::<LANES>::new(step_tape);
+        let mut file = LaneFile::<W>::new(step_tape);
         file.load(&[theta], hours);
-        let mut out = LaneFile::<LANES>::new(output_tape);
+        let mut out = LaneFile::<W>::new(output_tape);
         out.load(&[theta], hours);
-        let (Some(first), Some(last)) = (origins.iter().min(), origins.iter().max()) else { return };
-        let Some(longest) = leads.iter().max() else { return };
+        let bounds = origins.iter().min().zip(origins.iter().max()).zip(leads.iter().max());
+        let Some(((first, last), longest)) = bounds else { return forecasts };
+        // Who joins next, and what is due at each sample, by lane and lead.
+        let mut joining: Vec<usize> = (0..origins.len()).collect();
+        joining.sort_by_key(|lane| origins[*lane]);
+        let mut joining = joining.into_iter().peekable();
+        let mut due: Vec<Vec<(usize, usize)>> = vec![Vec::new(); last + longest + 1 - first];
+        for (lane, origin) in origins.iter().enumerate() {
+            for (place, lead) in leads.iter().enumerate() {
+                due[origin + lead - first].push((lane, place));
+            }
+        }
         let mut alive = vec![false; origins.len()];
         let mut meter = Meter::new(&self.simulator.brake);
-        let work = LANES * (substeps * step_tape.step.len() + output_tape.step.len());
+        let work = W * (substeps * step_tape.step.len() + output_tape.step.len());
         let inputs = self.simulator.inputs();
-        for k in *first..=(last + longest).min(inputs.samples() - 1) {
+        for (k, due) in (*first..inputs.samples()).zip(&due) {
             meter.add(work);
             if k > *first {
                 if inputs.known(k - 1) {
@@ -231,30 +242,28 @@ impl Kalman<'_> {
                     alive.fill(false);
                 }
             }
-            for (lane, origin) in origins.iter().enumerate() {
-                if *origin == k {
-                    alive[lane] = true;
-                    for (state, value) in filtered.states[k].iter().enumerate() {
-                        file.state(state)[lane] = *value;
-                    }
+            while let Some(lane) = joining.next_if(|lane| origins[*lane] == k) {
+                alive[lane] = true;
+                for (state, value) in filtered.states[k].iter().enumerate() {
+                    file.state(state)[lane] = *value;
                 }
+            }
+            if due.is_empty() {
+                continue;
             }
             for state in 0..self.initial.len() {
                 *out.state(state) = *file.state(state);
             }
             output_drive.load(&mut out, k, 0);
             out.step();
-            for (lane, origin) in
-                origins.iter().enumerate().filter(|(lane, origin)| alive[*lane] && k >= **origin)
-            {
-                if let Ok(lead) = leads.binary_search(&(k - origin)) {
-                    for output in 0..self.measured.len() {
-                        let value = out.root(output)[lane];
-                        keep(lane, lead, output, value.is_finite().then_some(value));
-                    }
+            for (lane, place) in due.iter().filter(|(lane, _)| alive[*lane]) {
+                for output in 0..outputs {
+                    let value = out.root(output)[*lane];
+                    forecasts[*lane][output * leads.len() + place] = value.is_finite().then_some(value);
                 }
             }
         }
+        forecasts
     }
 }
 

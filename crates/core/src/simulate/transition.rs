@@ -270,10 +270,25 @@ fn multiply<T: MatrixEntry>(to: &mut [T], a: &[T], b: &[T], n: usize) {
     }
 }
 
+/// The same as [`propagate`], compiled for the few states of most models.
+#[inline(always)]
+pub fn propagate_small<T: MatrixEntry>(p: &mut [T], phi: &[T], noise: &[T], scratch: &mut [T], n: usize) {
+    match n {
+        1 => propagate(p, phi, noise, scratch, 1),
+        2 => propagate(p, phi, noise, scratch, 2),
+        3 => propagate(p, phi, noise, scratch, 3),
+        4 => propagate(p, phi, noise, scratch, 4),
+        5 => propagate(p, phi, noise, scratch, 5),
+        n => propagate(p, phi, noise, scratch, n),
+    }
+}
+
 /// Replaces the covariance P by `phi P phi' + noise`, symmetric to the last bit.
 #[inline(always)]
 pub fn propagate<T: MatrixEntry>(p: &mut [T], phi: &[T], noise: &[T], scratch: &mut [T], n: usize) {
+    let (p, phi, noise) = (&mut p[..n * n], &phi[..n * n], &noise[..n * n]);
     multiply(scratch, phi, p, n);
+    let scratch = &scratch[..n * n];
     for i in 0..n {
         for j in 0..=i {
             let mut sum = noise[i * n + j];

@@ -6,7 +6,7 @@ use super::lane::Lane;
 use super::lanes::LaneFile;
 use super::stepper::{jacobian_tape, observation_tape};
 use super::trajectory::{MeasuredOutput, Simulator};
-use super::transition::{Transition, propagate};
+use super::transition::{Transition, propagate_small};
 use crate::cpu::{Cpu, Kernel, dispatch};
 use crate::interrupt::{Brake, Meter};
 use crate::model::tape::Tape;
@@ -264,7 +264,7 @@ impl<const W: usize> Kernel for Spread<'_, W> {
                 _ => step.set_each(jacobian, q, hours, false, brake),
             }
         }
-        propagate(p, &step.phi, &step.noise, scratch, n);
+        propagate_small(p, &step.phi, &step.noise, scratch, n);
     }
 }
 

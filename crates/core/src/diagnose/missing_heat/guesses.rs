@@ -17,15 +17,14 @@ pub(in crate::diagnose) struct Guess {
     pub memory: f64,
 }
 
+/// What is sought beside the states: what comes and goes of the rate, and what is always there of it.
+const BESIDE_STATES: usize = 2;
 /// Guesses side by side.
 pub(super) const WIDTH: usize = 8;
 
 /// A record by the numbers that a filter needs, sample by sample.
 pub(super) struct GuessedRecord {
-    /// States, and everything that is sought: those, what comes and goes of the rate, and what is always
-    /// there of it.
     states: usize,
-    width: usize,
     hours: f64,
     mean: Vec<f64>,
     /// How free each of them is at the start, but for what comes and goes.
@@ -42,7 +41,7 @@ pub(super) struct GuessedRecord {
 impl GuessedRecord {
     pub fn new(record: &LinearRecord) -> Self {
         let states = record.rate();
-        let width = states + 2;
+        let width = states + BESIDE_STATES;
         let (mean, covariance) = record.begin(0.0);
         let mut readings = Vec::new();
         for reading in record.readings.iter().flatten() {
@@ -59,7 +58,6 @@ impl GuessedRecord {
         }
         Self {
             states,
-            width,
             hours: record.hours,
             mean: mean.iter().take(width).copied().collect(),
             free: (0..width).map(|i| covariance[(i, i)]).collect(),
@@ -86,8 +84,23 @@ impl Kernel for Pass<'_> {
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let GuessedRecord { states: n, width, hours, mean, free, counts, readings, steps } = self.of;
-        let (n, width) = (*n, *width);
+        // Compiled for the few states of most models: loops whose length is known are no loops.
+        match self.of.states {
+            1 => self.of_states(1),
+            2 => self.of_states(2),
+            3 => self.of_states(3),
+            4 => self.of_states(4),
+            n => self.of_states(n),
+        }
+    }
+}
+
+impl Pass<'_> {
+    /// The likelihoods for a model of `n` states.
+    #[inline(always)]
+    fn of_states(self, n: usize) -> [f64; WIDTH] {
+        let GuessedRecord { hours, mean, free, counts, readings, steps, .. } = self.of;
+        let width = n + BESIDE_STATES;
         let zero = Lane([0.0; WIDTH]);
         let (mut fades, mut comes, mut sensor) = (zero, zero, zero);
         let (mut x, mut next, mut spread) = (vec![zero; width], vec![zero; width], vec![zero; width]);

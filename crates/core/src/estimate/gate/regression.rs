@@ -10,6 +10,7 @@
 use crate::data::{CALENDAR, DROPS};
 use crate::data::{DAY, HOUR};
 use crate::estimate::problem::Problem;
+use crate::gram::take_out;
 use crate::interrupt::Brake;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -324,7 +325,7 @@ struct Part {
 
 /// An orthonormal basis of some columns.
 #[derive(Debug, Clone)]
-struct Basis(DMatrix<f64>);
+struct Basis(Vec<Vec<f64>>);
 
 impl Basis {
     fn of(columns: Vec<DVector<f64>>) -> Self {
@@ -335,12 +336,13 @@ impl Basis {
                 (norm > 0.0).then(|| column / norm)
             })
             .collect();
-        Self(DMatrix::from_columns(&scaled).qr().q())
+        let basis = DMatrix::from_columns(&scaled).qr().q();
+        Self(basis.column_iter().map(|column| column.iter().copied().collect()).collect())
     }
 
-    fn without(&self, series: DVector<f64>) -> DVector<f64> {
-        let part = &self.0 * self.0.tr_mul(&series);
-        series - part
+    fn without(&self, mut series: DVector<f64>) -> DVector<f64> {
+        take_out(&self.0, series.as_mut_slice());
+        series
     }
 }
 
