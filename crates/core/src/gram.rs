@@ -26,7 +26,10 @@ pub fn gram(series: &[&[f64]]) -> Vec<f64> {
     dispatch(Cpu::detect(), Gram { series: &series, rows })
 }
 
-/// Takes from a series what lies along the series of an orthonormal basis, each as long as itself.
+/// Takes from a series what lies along the series of an orthonormal basis.
+///
+/// # Panics
+/// Where one of those is shorter than the series.
 pub fn take_out(basis: &[Vec<f64>], series: &mut [f64]) {
     dispatch(Cpu::detect(), TakeOut { basis, series });
 }

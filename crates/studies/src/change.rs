@@ -108,7 +108,7 @@ fn watch((seed, kind, level): (u64, &'static str, Level)) -> Result<Watched, Fai
         .slice(window.from(), window.from() + WINDOW_DAYS as i64 * DAY)
         .map_err(|found| faults(&found))?;
     let weeks = watched(&made, &weeks, WINDOW_DAYS + 1)?;
-    let noise = ProcessNoise::Known(fit.process_noise);
+    let noise = ProcessNoise::of(&fit);
     let theta = settled(&weeks, &fit.theta(), noise).map_err(|fault| Failure::Error(fault.to_string()))?;
     let problem = watched(&made, &window, days + 1)?;
     let record = ChangeRecord::new(&problem, &theta, noise, WINDOW_DAYS)

@@ -182,7 +182,7 @@ fn changed(made: &World, window: &Window, fit: &Fit) -> Result<(), Failure> {
     let weeks =
         window.slice(window.to() - WINDOW_DAYS as i64 * DAY, window.to()).map_err(|found| faults(&found))?;
     let problem = watched(made, &weeks, WINDOW_DAYS)?;
-    let _ = changes(&fit.simulated(&problem), &fit.theta(), ProcessNoise::Known(fit.process_noise));
+    let _ = changes(&fit.simulated(&problem), &fit.theta(), ProcessNoise::of(fit));
     Ok(())
 }
 

@@ -16,7 +16,7 @@ use crate::estimate::uncertainty::ridge::sentence;
 use indexmap::IndexMap;
 use std::ops::Range;
 
-/// The document of a fit, whose filter has this process noise.
+/// The document of a fit, the process noise of whose filter is sought so.
 pub(super) fn report(
     problem: &Problem,
     request: &EstimateRequest,

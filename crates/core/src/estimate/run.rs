@@ -99,12 +99,16 @@ pub fn estimate(
                 .to_owned(),
         );
     }
-    let limits = known.filter(|_| found.searched == Searched::Local).map(|known| known.limits.as_slice());
+    let nearby = known.filter(|_| found.searched == Searched::Local);
+    // A search everywhere looks everywhere for the noise as well.
+    let noise = nearby.and_then(|known| known.process_noise);
+    let noise = noise.map_or(ProcessNoise::Likeliest, ProcessNoise::LikeliestNear);
+    let limits = nearby.map(|known| known.limits.as_slice());
     let (problem, mut non_identifiable) =
         fix_unidentifiable(problem, &mut found, limits.unwrap_or_default(), &mut remarks, control)?;
     // With other parameters fixed the outputs answer otherwise.
     let sensitivity = sensitivity.filter(|_| non_identifiable.is_empty());
-    if let (Some(known), Searched::Local) = (known, found.searched) {
+    if let Some(known) = nearby {
         let fixed = known.still_undetermined(&problem, &non_identifiable);
         if !fixed.is_empty() {
             let names = fixed.join(", ");
@@ -123,8 +127,6 @@ pub fn estimate(
             found.evaluations += follow(&problem, &found.theta, found.cost, &mut known, control)?;
         }
     }
-    let near = incumbent.and_then(|incumbent| incumbent.process_noise);
-    let noise = near.map_or(ProcessNoise::Likeliest, ProcessNoise::LikeliestNear);
     let mut fit = report(&problem, request, found, &known, difference, noise, remarks);
     fit.non_identifiable = non_identifiable;
     Ok(fit)

@@ -107,8 +107,8 @@ impl Kalman<'_> {
     /// The process noise that makes the innovations of samples `0..until` most likely, between 1e-3 and 3
     /// units per square root of an hour: eight side by side, eight more from one neighbour of the best one to
     /// the other, then the peak of a parabola through the best three of those. Where one is `near`, the first
-    /// eight are spared, unless the likeliest lies farther away. All have the slopes where the middle one is:
-    /// noises move the states by little.
+    /// eight are spared if there is a peak within a factor of three of that one; it is the one next to it. All
+    /// have the slopes where the middle one is: noises move the states by little.
     pub fn likely_process_noise(
         &self,
         theta: &[f64],
@@ -160,9 +160,7 @@ impl Kalman<'_> {
         horizon: usize,
     ) -> Vec<Vec<Option<f64>>> {
         let leads: Vec<usize> = (0..=horizon).collect();
-        let mut found = self.forecasts_from(theta, filtered, origins, &leads);
-        found.iter_mut().for_each(|forecasts| forecasts.truncate(leads.len()));
-        found
+        self.forecasts_from(theta, filtered, origins, &leads, 1)
     }
 
     /// Forecasts of every output at some leads only, in samples and strictly increasing:
@@ -174,24 +172,27 @@ impl Kalman<'_> {
         origins: &[usize],
         leads: &[usize],
     ) -> Vec<Vec<Vec<Option<f64>>>> {
-        let by_origin = self.forecasts_from(theta, filtered, origins, leads);
+        let outputs = self.measured.len();
+        let by_origin = self.forecasts_from(theta, filtered, origins, leads, outputs);
         let series = |place: usize| by_origin.iter().map(|forecasts| forecasts[place]).collect();
-        (0..self.measured.len())
+        (0..outputs)
             .map(|output| (0..leads.len()).map(|lead| series(output * leads.len() + lead)).collect())
             .collect()
     }
 
-    /// The same by origins: of each, the forecasts of every output at all leads, one output after the other.
+    /// The same by origins: of each, the forecasts of the first outputs at all leads, one output after the
+    /// other.
     fn forecasts_from(
         &self,
         theta: &[f64],
         filtered: &Filtered,
         origins: &[usize],
         leads: &[usize],
+        outputs: usize,
     ) -> Vec<Vec<Option<f64>>> {
         let block = |origins: &[usize]| match origins.len() {
-            ..=8 => self.forecast_block::<8>(theta, filtered, origins, leads),
-            _ => self.forecast_block::<LANES>(theta, filtered, origins, leads),
+            ..=8 => self.forecast_block::<8>(theta, filtered, origins, leads, outputs),
+            _ => self.forecast_block::<LANES>(theta, filtered, origins, leads, outputs),
         };
         origins.par_chunks(LANES).flat_map_iter(block).collect()
     }
@@ -204,8 +205,8 @@ impl Kalman<'_> {
         filtered: &Filtered,
         origins: &[usize],
         leads: &[usize],
+        outputs: usize,
     ) -> Vec<Vec<Option<f64>>> {
-        let outputs = self.measured.len();
         let mut forecasts = vec![vec![None; outputs * leads.len()]; origins.len()];
         let (step_tape, drive, substeps, hours) = self.simulator.step_parts();
         let (output_tape, output_drive) = self.simulator.output_parts();
@@ -406,5 +407,12 @@ mod tests {
             let expected: Vec<Option<f64>> = all.iter().map(|forecast| forecast[lead]).collect();
             assert_eq!(some[0][index], expected);
         }
+        // So do origins in any order, twice, few of them, and at the end of the record.
+        let few = [38, 5, 38, 59];
+        let found = kalman.forecasts(&[A], &found, &few, 24);
+        for (origin, forecast) in few.iter().zip(&found).take(3) {
+            assert_eq!(forecast, &all[origin - 5]);
+        }
+        assert!(found[3][0].is_some() && found[3][1..].iter().all(Option::is_none));
     }
 }

@@ -91,7 +91,8 @@ impl<'a> Linearisation<'a> {
         Self::by(&entrances(model), model, inputs, theta)
     }
 
-    /// The same by the states alone: what enters is all in the offsets.
+    /// The same by the states alone: what enters is all in the offsets, and how the equations lean on it
+    /// neither has to be a number nor to agree between divisions of a step.
     pub fn of_states(model: &'a Model, inputs: &'a Inputs, theta: &'a [f64]) -> Self {
         Self::by(&[], model, inputs, theta)
     }

@@ -3,6 +3,7 @@
 
 use lampyris_core::data::{self, Window};
 use lampyris_core::estimate::uncertainty::ridge::sentence;
+use lampyris_core::estimate::uncertainty::sensitivity::Sensitivity;
 use lampyris_core::estimate::uncertainty::{Uncertainty, uncertainty};
 use lampyris_core::estimate::{Control, EstimateRequest, Problem, Site, estimate, prepare};
 use lampyris_core::model::Catalogue;
@@ -41,6 +42,10 @@ fn told(experiment: &str) -> (Problem, Uncertainty) {
     let problem = prepare(&catalogue, &id.parse().unwrap(), &asked, &window, &Site::default()).unwrap();
     let truth: Vec<f64> = twin.truth.iter().map(|(_, value)| *value).collect();
     let known = uncertainty(&problem, &truth, None);
+    // What the outputs answer may have been simulated before.
+    let evaluations = known.evaluations;
+    let again = uncertainty(&problem, &truth, Sensitivity::new(&problem, &truth));
+    assert_eq!((Uncertainty { evaluations, ..again.clone() }, again.evaluations), (known.clone(), 0));
     (problem, known)
 }
 

@@ -86,8 +86,8 @@ pub fn step(window: &Window, output: &str) -> Option<Duration> {
     (own < STEP.millis()).then_some(STEP)
 }
 
-/// What the record of a problem says of parameters that change, along those near these that are likeliest.
-/// `noise` is that of the filter.
+/// What the record of a problem says of parameters that change, along those near these that are likeliest. The
+/// model is linearised along the states of a filter of this noise.
 ///
 /// # Errors
 /// As [`ChangeRecord::new`].
@@ -104,7 +104,7 @@ pub fn changes(problem: &Problem, theta: &[f64], noise: ProcessNoise) -> Result<
 
 /// The likeliest parameters of a record near others, whatever changes in it: by the method of scoring, as
 /// long as that makes the record likelier. A fit of free runs lies anywhere on its ridges, and the trace of
-/// one parameter would be laid to another there.
+/// one parameter would be laid to another there. The noise is as for [`changes`].
 ///
 /// # Errors
 /// As [`ChangeRecord::new`].

@@ -6,7 +6,7 @@ use super::{ChangeRecord, changes};
 use crate::data::{ColumnBindings, DAY, Duration, SplitRequest, Window};
 use crate::diagnose::missing_heat::record::MissingHeatAsked;
 use crate::diagnose::tests::site;
-use crate::estimate::assess::metrics::ProcessNoise;
+use crate::estimate::assess::metrics::{ProcessNoise, filter};
 use crate::estimate::{EstimateRequest, Problem, prepare};
 use crate::gram::dot;
 use crate::model::Catalogue;
@@ -76,6 +76,10 @@ fn a_change_is_told_with_its_day_and_size_and_a_room_without_one_stays_silent() 
         let (problem, theta) = room(seed, None);
         let found = changes(&problem, &theta, ProcessNoise::Likeliest).unwrap();
         assert!(found.change.is_none() && found.largest.unwrap() < super::THRESHOLD, "{found:?}");
+        // A noise that is known is not sought, and is the same but for its last digit.
+        let likeliest = filter(&problem, &theta, ProcessNoise::Likeliest).process_noise;
+        let known = changes(&problem, &theta, ProcessNoise::Known(likeliest)).unwrap();
+        assert!((known.largest.unwrap() - found.largest.unwrap()).abs() < 1e-6, "{known:?} {found:?}");
     }
 }
 

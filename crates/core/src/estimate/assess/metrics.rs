@@ -46,10 +46,21 @@ pub fn measurement_variance(problem: &Problem) -> Vec<f64> {
 pub enum ProcessNoise {
     /// It is the likeliest one on the training part.
     Likeliest,
-    /// The same, which is sought about this one first.
+    /// The same, which is sought about this one first: the peak next to it.
     LikeliestNear(f64),
     /// It is this one.
     Known(f64),
+}
+
+impl ProcessNoise {
+    /// The noise of a filter that goes through other measurements with the parameters of a fit: that of the
+    /// fit, unless its likelihood has a noise for each state.
+    pub fn of(fit: &Fit) -> Self {
+        match fit.likelihood {
+            None => Self::Known(fit.process_noise),
+            Some(_) => Self::LikeliestNear(fit.process_noise),
+        }
+    }
 }
 
 /// Filters the window at `theta`.
@@ -69,8 +80,8 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: ProcessNoise) -> 
     )
 }
 
-/// Filters the window at `theta` with the likeliest process noise, which may be near one that is known, and
-/// runs it freely; a model without a filter has one run for both.
+/// Filters the window at `theta` with this process noise, and runs it freely; a model without a filter has one
+/// run for both.
 pub fn filtered_and_free(problem: &Problem, theta: &[f64], noise: ProcessNoise) -> (FilterRun, Trajectory) {
     let free = problem.simulate(theta);
     let run = match problem.predictor() {

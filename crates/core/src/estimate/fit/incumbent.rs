@@ -22,7 +22,7 @@ pub struct Incumbent {
     pub undetermined: Vec<String>,
     /// Parameters on a bound that the data ask for.
     pub limits: Vec<String>,
-    /// The process noise of their filter; none where that is not known.
+    /// The process noise of their filter; none where that is not known, or the model has no filter.
     pub process_noise: Option<f64>,
 }
 
@@ -39,7 +39,7 @@ impl Incumbent {
             errors: errors.collect(),
             undetermined: fit.non_identifiable.clone(),
             limits: on_bound.map(|(name, _)| name.clone()).collect(),
-            process_noise: Some(fit.process_noise),
+            process_noise: (fit.process_noise > 0.0).then_some(fit.process_noise),
         })
     }
 

@@ -50,7 +50,7 @@ fn seen(flow: f64, seed: u64) -> Option<SeenRate> {
     }
     let noise = Noise { process: vec![0.02], measurement: vec![0.0025] };
     let theta = [a];
-    let linear = Linearisation::new(&model, &inputs, &theta);
+    let linear = Linearisation::of_states(&model, &inputs, &theta);
     let steps = linear.steps(0..samples - 1, &[15.0], &noise, &Brake::NONE).unwrap();
     let measured = [shown];
     let record = Record { steps: &steps, measured: &measured, variances: &noise.measurement, hours };

@@ -47,6 +47,6 @@ pub fn along(
             Fault::new("/model", "model-changed", detail).suggest("post an estimate job"),
         ]));
     }
-    let noise = ProcessNoise::Known(fit.process_noise);
-    changes(&fit.simulated(&problem), &fit.theta(), noise).map_err(|fault| ServiceError::Faults(vec![fault]))
+    changes(&fit.simulated(&problem), &fit.theta(), ProcessNoise::of(fit))
+        .map_err(|fault| ServiceError::Faults(vec![fault]))
 }
