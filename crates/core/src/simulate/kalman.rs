@@ -107,8 +107,8 @@ impl Kalman<'_> {
     /// The process noise that makes the innovations of samples `0..until` most likely, between 1e-3 and 3
     /// units per square root of an hour: eight side by side, eight more from one neighbour of the best one to
     /// the other, then the peak of a parabola through the best three of those. Where one is `near`, the first
-    /// eight are spared if there is a peak within a factor of three of that one; it is the one next to it. All
-    /// have the slopes where the middle one is: noises move the states by little.
+    /// eight are spared if there is a peak within a factor of three of that one; it is the one next to it.
+    /// All have the slopes where the middle one is: noises move the states by little.
     pub fn likely_process_noise(
         &self,
         theta: &[f64],

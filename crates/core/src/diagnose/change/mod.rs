@@ -86,8 +86,8 @@ pub fn step(window: &Window, output: &str) -> Option<Duration> {
     (own < STEP.millis()).then_some(STEP)
 }
 
-/// What the record of a problem says of parameters that change, along those near these that are likeliest. The
-/// model is linearised along the states of a filter of this noise.
+/// What the record of a problem says of parameters that change, along those near these that are likeliest.
+/// The model is linearised along the states of a filter of this noise.
 ///
 /// # Errors
 /// As [`ChangeRecord::new`].

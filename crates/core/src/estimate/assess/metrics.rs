@@ -80,8 +80,8 @@ pub fn filter(problem: &Problem, theta: &[f64], process_noise: ProcessNoise) -> 
     )
 }
 
-/// Filters the window at `theta` with this process noise, and runs it freely; a model without a filter has one
-/// run for both.
+/// Filters the window at `theta` with this process noise, and runs it freely; a model without a filter has
+/// one run for both.
 pub fn filtered_and_free(problem: &Problem, theta: &[f64], noise: ProcessNoise) -> (FilterRun, Trajectory) {
     let free = problem.simulate(theta);
     let run = match problem.predictor() {
